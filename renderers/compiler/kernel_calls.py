@@ -21,7 +21,7 @@ _I32, _I64 = ir.IntType(32), ir.IntType(64)
 
 
 @cache
-def kernel_address(kernel: Kernel) -> int:
+def kernel_address(kernel: Kernel[..., Any]) -> int:
     """Return the address of a kernel's machine code, for ``call_kernel``; it is never freed."""
     wait_for_kernel(kernel.name)
     kernel.compile()

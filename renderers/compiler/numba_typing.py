@@ -12,16 +12,13 @@ from collections.abc import Callable
 from typing import Any, ClassVar, Final
 
 from numba import extending, types
-from numba.core import sigutils
 from numba.core.typing.templates import AbstractTemplate, AttributeTemplate, infer_global
 
 _extending: Final[Any] = extending  # its stubs lack most names
 
 
-def intrinsic(definition: Callable[..., Any]) -> Any:
-    """Decorate the definition of a function for kernels whose instructions we emit, as ``numba.extending.intrinsic``.
-
-    Numba's own decorator refreshes all of its registries for every call that it types: 4 % of the compile time.
+def define_function(key: Any, definition: Callable[..., Any]) -> None:
+    """Define what a call of ``key``, a function or a class, does in kernels.
 
     Args:
         definition: takes the typing context and the arguments' types; returns the signature and a function
@@ -29,14 +26,10 @@ def intrinsic(definition: Callable[..., Any]) -> Any:
             None if the types are wrong.
     """
     generators: dict[Any, Callable[..., Any]] = {}
-
-    def function(*arguments: object) -> object:
-        raise NotImplementedError("only kernels can call it")
-
-    function.__doc__ = definition.__doc__
+    key_of_template = key
 
     class Template(AbstractTemplate):
-        key = function
+        key = key_of_template
 
         def generic(self, args: Any, kws: Any) -> Any:
             typed = None if kws else definition(self.context, *args)
@@ -48,8 +41,24 @@ def intrinsic(definition: Callable[..., Any]) -> Any:
     def lower(context: Any, builder: Any, signature: Any, args: Any) -> Any:
         return generators[signature.args](context, builder, signature, args)
 
-    infer_global(function, types.Function(Template))
-    _extending.lower_builtin(function, types.VarArg(types.Any))(lower)
+    infer_global(key, types.Function(Template))
+    _extending.lower_builtin(key, types.VarArg(types.Any))(lower)
+
+
+def intrinsic(definition: Callable[..., Any]) -> Any:
+    """Decorate the definition of a function for kernels whose instructions we emit, as ``numba.extending.intrinsic``.
+
+    Numba's own decorator refreshes all of its registries for every call that it types: 4 % of the compile time.
+
+    Args:
+        definition: as for ``define_function``.
+    """
+
+    def function(*arguments: object) -> object:
+        raise NotImplementedError("only kernels can call it")
+
+    function.__doc__ = definition.__doc__
+    define_function(function, definition)
     return function
 
 
@@ -130,10 +139,3 @@ def define_fields(
     _extending.infer_getattr(Fields)
     _extending.lower_getattr_generic(owner)(load)
     _extending.lower_setattr_generic(owner)(store)
-
-
-def argument_types(signature: str) -> tuple[Any, ...]:
-    """Return the types of the arguments in a signature such as ``void(int64, float64[:, ::1])``."""
-    normalize: Any = sigutils.normalize_signature
-    arguments, _ = normalize(signature)
-    return tuple(arguments)

@@ -7,8 +7,9 @@ from typing import Final
 from renderers.compiler.device_function import device_function, inlined
 from renderers.compiler.jit import kernel
 from renderers.compiler.kernel_calls import atomic_add_one, call_kernel, is_set, load_acquire, yield_at
+from renderers.compiler.kernel_types import I64, Address
 from renderers.compiler.pointers import address
-from renderers.raster.layout import PHASES, frame_at
+from renderers.raster.layout import PHASES, RasterFrame
 from renderers.visibility_buffer import BAND_ROWS
 
 _SPINS: Final = 200
@@ -16,7 +17,7 @@ _SPINS: Final = 200
 
 
 @device_function
-def _draw_band(frame, first_row, end_row, memory):
+def _draw_band(frame: RasterFrame, first_row: I64, end_row: I64, memory: Address) -> None:
     """Draw, shade and resolve one band.
 
     Args:
@@ -32,15 +33,15 @@ def _draw_band(frame, first_row, end_row, memory):
 
 
 @device_function
-def _draw_sample_band(frame, first_row, end_row, memory):
-    """Draw and shade one band with several samples per pixel; ``memory``: address of the thread's SAMPLE_BAND."""
+def _draw_sample_band(frame: RasterFrame, first_row: I64, end_row: I64, memory: Address) -> None:
+    """Draw and shade one band with several samples per pixel; ``memory``: address of the thread's SampleBand."""
     call_kernel(frame.draw_kernel, (address(frame), first_row, end_row, memory))
     call_kernel(frame.edges_kernel, (address(frame), first_row, end_row, memory))
     call_kernel(frame.shade_kernel, (frame.shade_job, memory, frame.stride, first_row, end_row))
 
 
 @inlined
-def _do_unit(frame, phase, unit, memory):
+def _do_unit(frame: RasterFrame, phase: I64, unit: I64, memory: Address) -> None:
     """Do a unit of work.
 
     Args:
@@ -65,17 +66,17 @@ def _do_unit(frame, phase, unit, memory):
             _draw_band(frame, first_row, end_row, memory)
 
 
-@kernel("void(int64, boolean)")
-def run_phases(frame_address, until_finished):
+@kernel
+def run_phases(frame_address: Address, until_finished: bool) -> None:
     """Work on a frame together with other threads. A thread may come late, even when nothing is left to do.
 
     With ``band_memory``, at most ``max_threads`` calls in all: each takes a part of it.
 
     Args:
-        frame_address: address of a FRAME.
+        frame_address: address of a RasterFrame.
         until_finished: return when the frame is finished; otherwise as soon as no unit of work is left.
     """
-    frame = frame_at(frame_address)
+    frame = RasterFrame(frame_address)
     memory = frame.band_memory
     if memory != 0:
         memory += atomic_add_one(frame.threads_started, 0) * frame.band_memory_bytes

@@ -5,22 +5,22 @@ from __future__ import annotations
 from typing import Final
 
 import numpy as np
-from numba import types
 
 from renderers.compiler import simd as vec
 from renderers.compiler.device_function import device_function, inlined
 from renderers.compiler.jit import kernel
 from renderers.compiler.kernel_calls import call_kernel
+from renderers.compiler.kernel_types import F32, F64, I32, I64, U32, Address, Number, Pointer, f64, i32, i64
 from renderers.compiler.pointers import advance, f32_at, i32_at, stack_array
+from renderers.compiler.simd import Lanes
 from renderers.drawlist import LABEL_NONE
 from renderers.primitive_ids import instance_of
 from renderers.raster.layer import set_band_layer
-from renderers.raster.layout import LAYER, TOPOLOGY_TRIANGLES, frame_at
+from renderers.raster.layout import TOPOLOGY_TRIANGLES, Layer, RasterFrame
 
-_new_layer = LAYER.local
-_corner_array = stack_array(types.float64, 9)
-_adjugate_array = stack_array(types.float64, 9)
-_normal_array = stack_array(types.float64, 9)
+_corner_array = stack_array(F64, 9)
+_adjugate_array = stack_array(F64, 9)
+_normal_array = stack_array(F64, 9)
 _BACKGROUND_LABEL: Final = int(np.uint32(LABEL_NONE).astype(np.int32))
 _BACKGROUND_ID: Final = -1
 _PREFETCH_DISTANCE: Final = 1024
@@ -30,13 +30,15 @@ _NO_NORMAL: Final = (0.0, 0.0, 0.0)
 
 
 @inlined
-def _cross(a, b):
+def _cross(a: Pointer[F64], b: Pointer[F64]) -> tuple[F64, F64, F64]:
     """Return a x b; pointers to three float64 each."""
     return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
 
 
 @inlined
-def _camera_corners(X_camera_mesh, positions, indices, first_index, corners):
+def _camera_corners(
+    X_camera_mesh: Pointer[F64], positions: Pointer[F32], indices: Pointer[U32], first_index: I64, corners: Pointer[F64]
+) -> None:
     """Write the corners of a triangle in the camera's frame, metres: corner k to ``corners[3 k .. 3 k + 3]``.
 
     Args:
@@ -46,14 +48,20 @@ def _camera_corners(X_camera_mesh, positions, indices, first_index, corners):
     """
     m = X_camera_mesh
     for k in range(3):
-        v = 3 * np.int64(indices[first_index + k])
-        x, y, z = np.float64(positions[v]), np.float64(positions[v + 1]), np.float64(positions[v + 2])
+        v = 3 * i64(indices[first_index + k])
+        x, y, z = f64(positions[v]), f64(positions[v + 1]), f64(positions[v + 2])
         for axis in range(3):
             corners[3 * k + axis] = m[4 * axis] * x + m[4 * axis + 1] * y + m[4 * axis + 2] * z + m[4 * axis + 3]
 
 
 @inlined
-def _camera_normals(X_camera_mesh, normals, indices, first_index, corner_normals):
+def _camera_normals(
+    X_camera_mesh: Pointer[F64],
+    normals: Pointer[F32],
+    indices: Pointer[U32],
+    first_index: I64,
+    corner_normals: Pointer[F64],
+) -> None:
     """Write the normals of a triangle's corners in the camera's frame, of any length; otherwise as ``_camera_corners``.
 
     Args:
@@ -65,13 +73,13 @@ def _camera_normals(X_camera_mesh, normals, indices, first_index, corner_normals
         # Normals transform by the cofactors: the inverse transpose times the determinant.
         cx, cy, cz = _cross(advance(m, 4 * ((axis + 1) % 3)), advance(m, 4 * ((axis + 2) % 3)))
         for k in range(3):
-            v = 3 * np.int64(indices[first_index + k])
-            x, y, z = np.float64(normals[v]), np.float64(normals[v + 1]), np.float64(normals[v + 2])
+            v = 3 * i64(indices[first_index + k])
+            x, y, z = f64(normals[v]), f64(normals[v + 1]), f64(normals[v + 2])
             corner_normals[3 * k + axis] = cx * x + cy * y + cz * z
 
 
 @inlined
-def _adjugate(corners, out):
+def _adjugate(corners: Pointer[F64], out: Pointer[F64]) -> F64:
     """Write the adjugate of [p0 p1 p2], its inverse times its determinant: rows p1 x p2, p2 x p0 and p0 x p1.
 
     Args:
@@ -88,7 +96,7 @@ def _adjugate(corners, out):
 
 
 @inlined
-def _geometric_normal(adjugate, determinant):
+def _geometric_normal(adjugate: Pointer[F64], determinant: F64) -> tuple[F64, F64, F64]:
     """Return the unit normal, in the camera's frame, of the side of a triangle that faces the camera.
 
     Args:
@@ -105,7 +113,9 @@ def _geometric_normal(adjugate, determinant):
 
 
 @inlined
-def _smooth_normal(adjugate, corner_normals, ray_x, ray_y, flat_normal):
+def _smooth_normal(
+    adjugate: Pointer[F64], corner_normals: Pointer[F64], ray_x: F64, ray_y: F64, flat_normal: tuple[F64, F64, F64]
+) -> tuple[F64, F64, F64]:
     """Return the interpolated unit normal where a ray (ray_x, ray_y, 1) meets a triangle; ``flat_normal`` if none.
 
     Args:
@@ -129,7 +139,7 @@ def _smooth_normal(adjugate, corner_normals, ray_x, ray_y, flat_normal):
 
 
 @inlined
-def _fill_normals(out, start, stop, normal):
+def _fill_normals(out: Pointer[F32], start: I64, stop: I64, normal: tuple[F64, F64, F64]) -> None:
     """Write one normal to the pixels ``start .. stop`` of a row.
 
     Args:
@@ -142,7 +152,9 @@ def _fill_normals(out, start, stop, normal):
 
 
 @device_function
-def _resolve_normal_span(frame, instance_index, primitive_id, row, start, stop):
+def _resolve_normal_span(
+    frame: RasterFrame, instance_index: I64, primitive_id: I64, row: I64, start: I64, stop: I64
+) -> None:
     """Write the normals, unit vectors in the camera's frame, of the pixels ``start .. stop`` that see one primitive.
 
     Args:
@@ -171,21 +183,21 @@ def _resolve_normal_span(frame, instance_index, primitive_id, row, start, stop):
         _fill_normals(out, column, column + 1, normal)
 
 
-@kernel("void(int64, int64, int64, int64)")
-def resolve_normals(frame_address, first_row, end_row, band_memory):
+@kernel
+def resolve_normals(frame_address: Address, first_row: I64, end_row: I64, band_memory: Address) -> None:
     """Write the normals of a band, by spans of pixels that see one primitive.
 
     Few images have normals. A separate kernel, since it is compiled only after the server is ready.
     """
-    frame, layer = frame_at(frame_address), _new_layer()
+    frame, layer = RasterFrame(frame_address), Layer()
     set_band_layer(frame, layer, first_row, band_memory)
     width = frame.width
-    instance_index = np.int64(0)
+    instance_index = i64(0)
     for row in range(first_row, end_row):
         ids = advance(layer.ids, (row - layer.first_row) * frame.stride)
         start = 0
         while start < width:
-            primitive_id = np.int64(ids[start])
+            primitive_id = i64(ids[start])
             stop = start + 1
             while stop < width and ids[stop] == primitive_id:
                 stop += 1
@@ -199,7 +211,7 @@ def resolve_normals(frame_address, first_row, end_row, band_memory):
 
 
 @device_function
-def _resolve_depth_row(inv_z, ids, out, width):
+def _resolve_depth_row(inv_z: Pointer[F32], ids: Pointer[I32], out: Pointer[F32], width: I64) -> None:
     """Write the depth of one row.
 
     Args:
@@ -213,7 +225,7 @@ def _resolve_depth_row(inv_z, ids, out, width):
 
 
 @inlined
-def _store_columns(out, column, width, values):
+def _store_columns(out: Pointer[Number], column: I64, width: I64, values: Lanes) -> None:
     """Write eight values of a row, or those before its end.
 
     Args:
@@ -229,7 +241,9 @@ def _store_columns(out, column, width, values):
 
 
 @device_function
-def _resolve_instance_row(frame, ids, table, background, out):
+def _resolve_instance_row(
+    frame: RasterFrame, ids: Pointer[I32], table: Pointer[I32], background: I64, out: Pointer[I32]
+) -> None:
     """Write the value of the instance that each pixel of a row sees, eight pixels at a time.
 
     Args:
@@ -240,14 +254,14 @@ def _resolve_instance_row(frame, ids, table, background, out):
     """
     first_ids, width = frame.first_ids, frame.width
     # The instance that was seen last, its value, and the range of its primitive ids.
-    last_index, last_value, first_id, end_id = np.int64(0), np.int32(0), np.int64(0), np.int64(0)
+    last_index, last_value, first_id, end_id = i64(0), i32(0), i64(0), i64(0)
     for column in range(0, width, vec.LANES):
         eight_ids = vec.load(ids, column)
         sees_last = (eight_ids >= vec.i32(first_id)) & (eight_ids < vec.i32(end_id))
         values = vec.select(sees_last, vec.i32(last_value), vec.i32(background))
         pending = vec.movemask((eight_ids >= vec.i32(0)) & ~sees_last)
         while pending != 0:
-            primitive_id = np.int64(ids[column + vec.lowest_bit(pending)])
+            primitive_id = i64(ids[column + vec.lowest_bit(pending)])
             last_index = instance_of(first_ids, frame.instance_count, primitive_id, last_index)
             last_value, first_id, end_id = table[last_index], first_ids[last_index], first_ids[last_index + 1]
             sees_last = (eight_ids >= vec.i32(first_id)) & (eight_ids < vec.i32(end_id))
@@ -256,14 +270,14 @@ def _resolve_instance_row(frame, ids, table, background, out):
         _store_columns(out, column, width, values)
 
 
-@kernel("void(int64, int64, int64, int64)")
-def resolve_band(frame_address, first_row, end_row, band_memory):
+@kernel
+def resolve_band(frame_address: Address, first_row: I64, end_row: I64, band_memory: Address) -> None:
     """Write the wanted outputs of a band.
 
     Args:
-        frame_address: address of a FRAME.
+        frame_address: address of a RasterFrame.
     """
-    frame, layer = frame_at(frame_address), _new_layer()
+    frame, layer = RasterFrame(frame_address), Layer()
     set_band_layer(frame, layer, first_row, band_memory)
     for row in range(first_row, end_row):
         layer_pixel, pixel = (row - layer.first_row) * frame.stride, row * frame.width

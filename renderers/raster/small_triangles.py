@@ -23,47 +23,45 @@ covered columns on one side, at -e / de. Spans are such quotients in float32, ye
 from __future__ import annotations
 
 import math
-from typing import Any, Final, NamedTuple
-
-import numpy as np
+from typing import Final, NamedTuple
 
 from renderers.compiler import simd as vec
 from renderers.compiler.device_function import inlined
+from renderers.compiler.kernel_types import F32, I32, I64, Pointer, i64
 from renderers.compiler.pointers import address, f32_at, i32_at
-from renderers.compiler.structs import F32, I32, I64, Struct, array_of
+from renderers.compiler.simd import F32x8, F32x8x2, F32x8x3, I32x8, I32x8x2
+from renderers.compiler.structs import Struct, inline
 from renderers.raster.depth_test import depth_test
-from renderers.raster.layout import MAX_SMALL_WIDTH, SMALL_TRIANGLE, SUBPIXEL_BITS, box_of
+from renderers.raster.layout import MAX_SMALL_WIDTH, SUBPIXEL_BITS, Layer, RasterFrame, SmallTriangle, box_of
 from renderers.visibility_buffer import BAND_ROWS
 
 _BLOCK_ROWS: Final = 4
 
-PREPARED_TRIANGLE: Final = Struct(
-    "PreparedTriangle",
-    {
-        "row_inv_z": array_of(F32, BAND_ROWS),  # of each row: 1/z at the box's first column
-        "row_begin_in_box": array_of(I32, BAND_ROWS),  # first covered column, counted from the box's first
-        "row_column_count": array_of(I32, BAND_ROWS),  # number of covered columns
-        # Masks of the blocks with any covered column. Bit 8 r + b of the first is block b (from the left, 0 .. 7) of
-        # block row r, which is four rows; bit 8 r + b of the second is block 8 + b of it. The second one is needed
-        # since a box that is not aligned has up to nine blocks in a row.
-        "blocks": array_of(I64, 2),
-        "first_row": I64,  # row of the image
-        "row_count": I64,  # within the band
-        "first_column": I64,  # of the first block; column of the image
-        "first_column_in_box": I64,  # the same, counted from the box's first column: perhaps negative
-        "id": I64,
-        "inv_z_fields": array_of(F32, vec.LANES),  # the last eight fields of the SMALL_TRIANGLE
-    },
-)
-"""A small triangle within a band, from ``prepare_small`` for ``draw_small``."""
+
+class PreparedTriangle(Struct):
+    """A small triangle within a band, from ``prepare_small`` for ``draw_small``."""
+
+    row_inv_z: Pointer[F32] = inline(BAND_ROWS)  # of each row: 1/z at the box's first column
+    row_begin_in_box: Pointer[I32] = inline(BAND_ROWS)  # first covered column, counted from the box's first
+    row_column_count: Pointer[I32] = inline(BAND_ROWS)  # number of covered columns
+    # Masks of the blocks with any covered column. Bit 8 r + b of the first is block b (from the left, 0 .. 7) of
+    # block row r, which is four rows; bit 8 r + b of the second is block 8 + b of it. The second one is needed
+    # since a box that is not aligned has up to nine blocks in a row.
+    blocks: Pointer[I64] = inline(2)
+    first_row: I64  # row of the image
+    row_count: I64  # within the band
+    first_column: I64  # of the first block; column of the image
+    first_column_in_box: I64  # the same, counted from the box's first column: perhaps negative
+    id: I64
+    inv_z_fields: Pointer[F32] = inline(vec.LANES)  # the last eight fields of the SmallTriangle
 
 
 def _lane_of(field: str) -> int:
-    """Return the lane of a field of a SMALL_TRIANGLE, whose 16 values are loaded as two vectors.
+    """Return the lane of a field of a SmallTriangle, whose 16 values are loaded as two vectors.
 
     The low vector has the fields up to ``kind``, the high one those from ``edge1_dy`` on.
     """
-    return int(SMALL_TRIANGLE.type.offsets[field]) // 4 % vec.LANES
+    return SmallTriangle.offset_of(field) // 4 % vec.LANES
 
 
 _EDGES: Final = _lane_of("edges")
@@ -86,24 +84,24 @@ assert BAND_ROWS == 4 * vec.LANES
 class _RowEdges(NamedTuple):
     """Three edge functions, and how they limit the columns of a row; three f32x8 each, the same in all lanes."""
 
-    base: Any
+    base: F32x8x3
     """At row and column 0 of the box, plus a half."""
-    dy: Any
+    dy: F32x8x3
     """Change per row."""
-    lower_scale: Any
+    lower_scale: F32x8x3
     """-1 over the change per column, or NaN, which limits nothing. An edge limits columns either below or above."""
-    upper_scale: Any
+    upper_scale: F32x8x3
 
 
 @inlined
-def _broadcast_lane(vector, k):
+def _broadcast_lane(vector: F32x8, k: I64) -> F32x8:
     """Return lane ``k`` of an f32x8 in all lanes."""
     return vec.f32(vec.lane(vector, k))
 
 
 @inlined
-def _load_edges(triangle):
-    """Return the _RowEdges of a SMALL_TRIANGLE."""
+def _load_edges(triangle: SmallTriangle) -> _RowEdges:
+    """Return the _RowEdges of a SmallTriangle."""
     # All fields by two loads: a third of the instructions of one for each. The lanes of fields other than edges, which
     # are shifted and converted too, are not used.
     fields, bits = i32_at(address(triangle)), vec.i32(SUBPIXEL_BITS)
@@ -134,7 +132,7 @@ def _load_edges(triangle):
 
 
 @inlined
-def _covered_columns(edges, row_in_box, lower, upper):
+def _covered_columns(edges: _RowEdges, row_in_box: F32x8, lower: F32x8, upper: F32x8) -> I32x8x2:
     """Return the first covered column, counted from the box's first, and their number in each of eight rows, i32x8.
 
     Column c is covered if lower < c < upper. So the first one is floor(lower + 1), the end floor(upper + 1): step 5.
@@ -156,7 +154,7 @@ def _covered_columns(edges, row_in_box, lower, upper):
 
 
 @inlined
-def _limit_by_edge(lower, upper, edges, k, row_in_box):
+def _limit_by_edge(lower: F32x8, upper: F32x8, edges: _RowEdges, k: I64, row_in_box: F32x8) -> F32x8x2:
     """Return the column limits of eight rows, narrowed to the inner side of edge ``k``; arguments as above."""
     edge_value = edges.base[k] + edges.dy[k] * row_in_box
     # NaN limits nothing: if either argument is NaN, minimum and maximum return the second one.
@@ -165,8 +163,8 @@ def _limit_by_edge(lower, upper, edges, k, row_in_box):
 
 
 @inlined
-def _block_masks(begin, column_count):
-    """Return the two masks, int64, as PREPARED_TRIANGLE.blocks, of the blocks of eight rows with any covered column.
+def _block_masks(begin: I32x8, column_count: I32x8) -> tuple[I64, I64]:
+    """Return the two masks, int64, as PreparedTriangle.blocks, of the blocks of eight rows with any covered column.
 
     Args:
         begin, column_count: i32x8: the rows' first covered columns, counted from the first block's first, and their
@@ -184,7 +182,7 @@ def _block_masks(begin, column_count):
 
 
 @inlined
-def _first_row_of_groups(top, end_row, group_count, first_row):
+def _first_row_of_groups(top: I64, end_row: I64, group_count: I64, first_row: I64) -> I64:
     """Return the row of the image with which the groups of eight rows begin, of a triangle from row ``top`` on.
 
     The last group may end below the band, where the triangle may go on. Blocks of those rows would be tested although
@@ -201,18 +199,20 @@ def _first_row_of_groups(top, end_row, group_count, first_row):
 
 
 @inlined
-def prepare_small(frame, triangle, first_row, end_row, prepared):
-    """Find the spans and blocks of a SMALL_TRIANGLE in some rows, for ``draw_small``.
+def prepare_small(
+    frame: RasterFrame, triangle: SmallTriangle, first_row: I64, end_row: I64, prepared: PreparedTriangle
+) -> None:
+    """Find the spans and blocks of a SmallTriangle in some rows, for ``draw_small``.
 
     Args:
         first_row, end_row: rows of the image, at most BAND_ROWS.
-        prepared: a PREPARED_TRIANGLE.
+        prepared: a PreparedTriangle.
     """
     box_x, box_y, box_column_count, box_row_count = box_of(triangle)
     top, bottom = max(box_y, first_row), min(box_y + box_row_count, end_row)
-    left, right = max(box_x, np.int64(0)), min(box_x + box_column_count, frame.width)
+    left, right = max(box_x, i64(0)), min(box_x + box_column_count, frame.width)
     # Blocks begin where vectors do: a load gets all of what the triangle before has just stored, from one cache line.
-    block_x = left & ~np.int64(vec.LANES - 1)
+    block_x = left & ~i64(vec.LANES - 1)
     block_x_in_box = block_x - box_x
     group_count = (bottom - top + vec.LANES - 1) // vec.LANES
     groups_top = _first_row_of_groups(top, end_row, group_count, first_row)
@@ -222,7 +222,7 @@ def prepare_small(frame, triangle, first_row, end_row, prepared):
     # Perhaps negative, and perhaps beyond the box: no column is covered there.
     row_in_box = vec.to_f32(vec.i32(groups_top - box_y) + vec.iota())
     box_lower, box_upper = vec.f32(left - box_x) - vec.f32(0.5), vec.f32(right - box_x) - vec.f32(0.5)
-    low_blocks, high_blocks = np.int64(0), np.int64(0)
+    low_blocks, high_blocks = i64(0), i64(0)
     for group in range(group_count):
         begin_in_box, column_count = _covered_columns(edges, row_in_box, box_lower, box_upper)
         vec.store(prepared.row_begin_in_box, vec.LANES * group, begin_in_box)
@@ -242,12 +242,20 @@ def prepare_small(frame, triangle, first_row, end_row, prepared):
 
 
 @inlined
-def _draw_block(frame, layer, depth_rule, prepared, block_row, row_count, column_offset):
-    """Draw the first ``row_count`` rows of a block of a PREPARED_TRIANGLE.
+def _draw_block(
+    frame: RasterFrame,
+    layer: Layer,
+    depth_rule: I64,
+    prepared: PreparedTriangle,
+    block_row: I64,
+    row_count: I64,
+    column_offset: I64,
+) -> None:
+    """Draw the first ``row_count`` rows of a block of a PreparedTriangle.
 
     Args:
-        block_row: the block's first row, counted from PREPARED_TRIANGLE.first_row.
-        column_offset: the block's first column, counted from PREPARED_TRIANGLE.first_column.
+        block_row: the block's first row, counted from PreparedTriangle.first_row.
+        column_offset: the block's first column, counted from PreparedTriangle.first_column.
     """
     inv_z_fields, ids = prepared.inv_z_fields, vec.i32(prepared.id)
     inv_z_min, inv_z_max = vec.f32(inv_z_fields[_INV_Z_MIN]), vec.f32(inv_z_fields[_INV_Z_MAX])
@@ -266,7 +274,7 @@ def _draw_block(frame, layer, depth_rule, prepared, block_row, row_count, column
 
 
 @inlined
-def draw_small(frame, layer, depth_rule, prepared):
+def draw_small(frame: RasterFrame, layer: Layer, depth_rule: I64, prepared: PreparedTriangle) -> None:
     """Draw a triangle that ``prepare_small`` has prepared; ``depth_rule`` as for ``depth_test``.
 
     The trip count of a loop over columns could not be predicted for small triangles. Therefore one loop goes over the

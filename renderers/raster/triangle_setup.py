@@ -9,26 +9,29 @@ from __future__ import annotations
 
 from typing import Final
 
-import numpy as np
-from numba import types
-
 from renderers.compiler import simd as vec
 from renderers.compiler.device_function import device_function, inlined
+from renderers.compiler.kernel_types import F32, I32, I64, Pointer, i64
 from renderers.compiler.pointers import address, advance, i32_at, stack_array
+from renderers.compiler.simd import F32x8x3, I32x8, I32x8x3, Mask8
 from renderers.raster.chunks import append_primitive, bin_range
+from renderers.raster.grid import Box
 from renderers.raster.layout import (
     BEHIND,
     KIND_SMALL,
     MAX_SMALL_DEPTH_RATIO,
     MAX_SMALL_HEIGHT,
     MAX_SMALL_WIDTH,
-    SMALL_TRIANGLE,
+    Chunk,
+    RasterFrame,
+    SmallTriangle,
     box_of,
-    small_triangle_at,
 )
 from renderers.raster.primitive_setup import set_up_triangle
 from renderers.raster.tiny_triangles import has_room_for_tiny, is_tiny, rasterize_tiny
 from renderers.raster.triangle_geometry import (
+    Edges,
+    InvZPlane,
     bounding_box,
     edge_functions,
     inv_z_plane,
@@ -40,14 +43,14 @@ from renderers.raster.triangle_geometry import (
 )
 from renderers.shading.vec3 import select3
 
-_SMALL_FIELDS: Final = SMALL_TRIANGLE.size // 4
-"""Fields of a SMALL_TRIANGLE, of four bytes each."""
-_field_rows_array = stack_array(types.int32, _SMALL_FIELDS * vec.LANES)
+_SMALL_FIELDS: Final = SmallTriangle.nbytes // 4
+"""Fields of a SmallTriangle, of four bytes each."""
+_field_rows_array = stack_array(I32, _SMALL_FIELDS * vec.LANES)
 
 
 @device_function
-def set_up_triangles(frame, draw_index, begin, end, chunk):
-    """Set up some triangles of a draw, and append what may be visible to a CHUNK.
+def set_up_triangles(frame: RasterFrame, draw_index: I64, begin: I64, end: I64, chunk: Chunk) -> None:
+    """Set up some triangles of a draw, and append what may be visible to a Chunk.
 
     Args:
         begin, end: range of indices among the triangles of its mesh.
@@ -59,7 +62,9 @@ def set_up_triangles(frame, draw_index, begin, end, chunk):
 
 
 @inlined
-def _set_up_eight(frame, draw_index, vertices, first, count, chunk):
+def _set_up_eight(
+    frame: RasterFrame, draw_index: I64, vertices: Pointer[F32], first: I64, count: I64, chunk: Chunk
+) -> None:
     """Set up at most eight triangles of a draw.
 
     Args:
@@ -107,7 +112,7 @@ def _set_up_eight(frame, draw_index, vertices, first, count, chunk):
 
 
 @inlined
-def _in_front(frame, w, count):
+def _in_front(frame: RasterFrame, w: F32x8x3, count: I64) -> tuple[Mask8, I64]:
     """Return which triangles have all corners within near and far plane and guard band, m8, and which need clipping, a
     bit for each.
 
@@ -122,7 +127,7 @@ def _in_front(frame, w, count):
 
 
 @inlined
-def _fits_small(box, w):
+def _fits_small(box: Box[I32x8], w: F32x8x3) -> Mask8:
     """Return m8: triangles whose edge functions fit int32, and 1/z float32.
 
     Args:
@@ -134,13 +139,13 @@ def _fits_small(box, w):
 
 
 @inlined
-def _swap_last_two(swapped, corners):
+def _swap_last_two(swapped: Mask8, corners: I32x8x3) -> I32x8x3:
     """Return a coordinate of the three corners, the last two exchanged in the lanes of ``swapped``, m8."""
     return select3(swapped, (corners[0], corners[2], corners[1]), corners)
 
 
 @inlined
-def _store_field_rows(field_rows, ids, box, edges, plane):
+def _store_field_rows(field_rows: Pointer[I32], ids: I32x8, box: Box[I32x8], edges: Edges, plane: InvZPlane) -> None:
     """Write eight SMALL_TRIANGLEs, transposed: the eight values of a field, then those of the next one.
 
     Args:
@@ -171,8 +176,17 @@ def _store_field_rows(field_rows, ids, box, edges, plane):
 
 
 @inlined
-def _append_primitives(frame, draw_index, first, small_bits, large_bits, culled_bits, field_rows, chunk):
-    """Append the small triangles in ``field_rows``, and the large ones, to a CHUNK in the order of their lanes.
+def _append_primitives(
+    frame: RasterFrame,
+    draw_index: I64,
+    first: I64,
+    small_bits: I64,
+    large_bits: I64,
+    culled_bits: I64,
+    field_rows: Pointer[I32],
+    chunk: Chunk,
+) -> None:
+    """Append the small triangles in ``field_rows``, and the large ones, to a Chunk in the order of their lanes.
 
     Args:
         first: index of the first of the eight triangles in its mesh.
@@ -182,14 +196,14 @@ def _append_primitives(frame, draw_index, first, small_bits, large_bits, culled_
     pending = small_bits | large_bits
     while pending != 0:
         k = vec.lowest_bit(pending)
-        bit = np.int64(1) << k
+        bit = i64(1) << k
         pending &= pending - 1
         primitive = chunk.primitives[chunk.count]
         if bit & small_bits:
             values = i32_at(address(primitive))
             for field in range(_SMALL_FIELDS):
                 values[field] = field_rows[vec.LANES * field + k]
-            _, top, _, row_count = box_of(small_triangle_at(address(primitive)))
+            _, top, _, row_count = box_of(SmallTriangle(address(primitive)))
             base_bin = frame.first_back_bin if bit & culled_bits else 0
             first_bin, last_bin = bin_range(max(top, 0), min(top + row_count, frame.height), base_bin)
         else:

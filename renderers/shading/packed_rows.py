@@ -6,13 +6,14 @@ from typing import Final
 
 from renderers.compiler import simd as vec
 from renderers.compiler.device_function import device_function
+from renderers.compiler.kernel_types import I32, I64, U8, Pointer
 
 _PREFETCH_DISTANCE: Final = 1024
 """Number of pixels between the one that is written and the one that is prefetched."""
 
 
 @device_function
-def write_packed_row(color, packed_row, width):
+def write_packed_row(color: Pointer[U8], packed_row: Pointer[I32], width: I64) -> None:
     """Write a packed row to a row of the image.
 
     Args:

@@ -6,15 +6,15 @@
 from __future__ import annotations
 
 import math
-from typing import Final
-
-import numpy as np
+from typing import Final, TypeVar
 
 from renderers.compiler import simd as vec
 from renderers.compiler.device_function import device_function, inlined
 from renderers.compiler.jit import kernel
 from renderers.compiler.kernel_calls import call_kernel
+from renderers.compiler.kernel_types import F32, I64, Address, Pointer, i64
 from renderers.compiler.pointers import address, i32_at
+from renderers.compiler.simd import F32x8, F32x8x3, F32x8x4, F32x8x8, F64x8, F64x8x3, I32x8, I32x8x3
 from renderers.drawlist import Topology
 from renderers.shading.layout import (
     E_COLUMNS,
@@ -25,23 +25,24 @@ from renderers.shading.layout import (
     HAS_TANGENTS,
     HAS_UV0,
     HAS_UV1,
-    SEGMENT,
     SPAN_STRIDE,
     V_COLUMNS,
     V_NORMAL,
     V_UV0,
+    Segment,
 )
-from renderers.shading.span_weights import TRIANGLES, rays_of, scaled_weights, weight_matrix
+from renderers.shading.span_weights import TRIANGLES, Weights, rays_of, scaled_weights, weight_matrix
 from renderers.shading.vec3 import cross, dot, minus, times, to_f32x3, transform_directions, transform_points
 
 _LINES: Final = int(Topology.LINES)
-_segment_at = SEGMENT.at
 _SIGN: Final = E_TANGENT + 3
 """Column of ``extras`` with the sign of the bitangent."""
+Attributes = TypeVar("Attributes", F32x8x4, F32x8x8)
+"""Colours, or the values of V_COLUMNS or E_COLUMNS, of one vertex of eight primitives."""
 
 
 @inlined
-def _vertex_indices(segment, primitive):
+def _vertex_indices(segment: Segment, primitive: I32x8) -> I32x8x3:
     """Return the indices of the three vertices of eight primitives, i32x8 each. Lines and points repeat the last one.
 
     Args:
@@ -58,13 +59,13 @@ def _vertex_indices(segment, primitive):
 
 
 @inlined
-def _weighted_sum(weights, a, b, c):
+def _weighted_sum(weights: F32x8x3, a: F32x8, b: F32x8, c: F32x8) -> F32x8:
     """Return the weighted sum of one attribute of three vertices, f32x8; ``weights``: three f32x8."""
     return weights[0] * a + weights[1] * b + weights[2] * c
 
 
 @inlined
-def _weighted_sum3(weights, a, b, c, k):
+def _weighted_sum3(weights: F32x8x3, a: F32x8x8, b: F32x8x8, c: F32x8x8, k: I64) -> F32x8x3:
     """Return the weighted sums of the values k, k + 1 and k + 2 of three vertices."""
     return (
         _weighted_sum(weights, a[k], b[k], c[k]),
@@ -74,7 +75,18 @@ def _weighted_sum3(weights, a, b, c, k):
 
 
 @inlined
-def _store_weighted_sums(rows, row, count, at, weights, weight_steps, a, b, c, k):
+def _store_weighted_sums(
+    rows: Pointer[F32],
+    row: I64,
+    count: I64,
+    at: I64,
+    weights: F32x8x3,
+    weight_steps: F32x8x3,
+    a: Attributes,
+    b: Attributes,
+    c: Attributes,
+    k: I64,
+) -> None:
     """Store weighted sums of the values ``k .. k + count`` of three vertices in ``count`` rows from ``row`` on.
 
     The sums with ``weight_steps`` are stored in the ``count`` rows after them.
@@ -89,15 +101,15 @@ def _store_weighted_sums(rows, row, count, at, weights, weight_steps, a, b, c, k
 
 
 @inlined
-def _store3(rows, row, at, values):
-    """Store three f32x8 in the rows of SPANS from ``row`` on."""
+def _store3(rows: Pointer[F32], row: I64, at: I64, values: F32x8x3) -> None:
+    """Store three f32x8 in the rows of Spans from ``row`` on."""
     vec.store(rows, row * SPAN_STRIDE + at, values[0])
     vec.store(rows, (row + 1) * SPAN_STRIDE + at, values[1])
     vec.store(rows, (row + 2) * SPAN_STRIDE + at, values[2])
 
 
 @device_function
-def _store_gradients(segment, at, weights, a, b, c):
+def _store_gradients(segment: Segment, at: I64, weights: Weights, a: F32x8x8, b: F32x8x8, c: F32x8x8) -> None:
     """Store how the sum of the weights and the weighted sum of uv0 change per column and per row of the image.
 
     Args:
@@ -111,8 +123,8 @@ def _store_gradients(segment, at, weights, a, b, c):
 
 
 @device_function
-def _set_up_eight(segment, span, count, at):
-    """Fill SPANS with at most eight spans from ``span`` on.
+def _set_up_eight(segment: Segment, span: I64, count: I64, at: I64) -> bool:
+    """Fill Spans with at most eight spans from ``span`` on.
 
     Args:
         count: number of spans, 1 .. 8.
@@ -162,7 +174,7 @@ def _set_up_eight(segment, span, count, at):
 
 
 @inlined
-def _load_vertices(vertices, indices):
+def _load_vertices(vertices: Pointer[F32], indices: I32x8x3) -> tuple[F32x8x8, F32x8x8, F32x8x8]:
     """Return the values of three vertices of eight primitives, V_COLUMNS f32x8 each."""
     columns = vec.i32(V_COLUMNS)
     return (
@@ -173,7 +185,7 @@ def _load_vertices(vertices, indices):
 
 
 @inlined
-def _load_colors(colors, indices):
+def _load_colors(colors: Pointer[F32], indices: I32x8x3) -> tuple[F32x8x4, F32x8x4, F32x8x4]:
     """Return the colours of three vertices of eight primitives, four f32x8 each."""
     columns = vec.i32(4)
     return (
@@ -184,20 +196,22 @@ def _load_colors(colors, indices):
 
 
 @inlined
-def _store_sums(rows, row, at, weights, weight_steps):
-    """Store the sum of weights in a row of SPANS, and that of their changes in the next one; three f32x8 each."""
+def _store_sums(rows: Pointer[F32], row: I64, at: I64, weights: F32x8x3, weight_steps: F32x8x3) -> None:
+    """Store the sum of weights in a row of Spans, and that of their changes in the next one; three f32x8 each."""
     vec.store(rows, row * SPAN_STRIDE + at, weights[0] + weights[1] + weights[2])
     vec.store(rows, (row + 1) * SPAN_STRIDE + at, weight_steps[0] + weight_steps[1] + weight_steps[2])
 
 
 @inlined
-def _store_normals(segment, at, weights, a, b, c, facing):
+def _store_normals(
+    segment: Segment, at: I64, weights: Weights, a: F32x8x8, b: F32x8x8, c: F32x8x8, facing: F32x8
+) -> bool:
     """Store the normals of vertices; return True if they are constant along each span.
 
     Args:
         weights: a Weights.
         a, b, c: vertices, V_COLUMNS f32x8 each.
-        facing: f32x8, as SPANS.facing.
+        facing: f32x8, as Spans.facing.
     """
     spans, matrix, zero, k = segment.spans, segment.matrices.normal, vec.f32(0.0), V_NORMAL
     is_same = (a[k] == b[k]) & (a[k + 1] == b[k + 1]) & (a[k + 2] == b[k + 2])
@@ -212,7 +226,7 @@ def _store_normals(segment, at, weights, a, b, c, facing):
 
 
 @inlined
-def _store_flat_normals(segment, at, p0, p1, p2, sign):
+def _store_flat_normals(segment: Segment, at: I64, p0: F64x8x3, p1: F64x8x3, p2: F64x8x3, sign: F64x8) -> None:
     """Store the unit normals of triangles, also as those of vertices where a mesh has none.
 
     Args:
@@ -233,7 +247,7 @@ def _store_flat_normals(segment, at, p0, p1, p2, sign):
 
 
 @inlined
-def _store_extras(segment, at, weights, indices):
+def _store_extras(segment: Segment, at: I64, weights: Weights, indices: I32x8x3) -> None:
     """Store weighted sums of uv1 and of tangents.
 
     Args:
@@ -259,7 +273,7 @@ def _store_extras(segment, at, weights, indices):
 
 
 @inlined
-def _prefetch(segment, span, end_span):
+def _prefetch(segment: Segment, span: I64, end_span: I64) -> None:
     """Prefetch vertices of the spans two batches ahead, and indices of those four batches ahead.
 
     Meshes of a million triangles do not fit the cache: without this, frames take a fifth longer.
@@ -270,16 +284,16 @@ def _prefetch(segment, span, end_span):
     primitive_ids, first_id = segment.ids, segment.first_id
     indices, vertices = segment.instance.indices, segment.instance.vertices
     for k in range(min(span + 2 * vec.LANES, end_span), min(span + 3 * vec.LANES, end_span)):
-        first_index = 3 * (np.int64(primitive_ids[k]) - first_id)
+        first_index = 3 * (i64(primitive_ids[k]) - first_id)
         for corner in range(3):
-            vec.prefetch(vertices, np.int64(indices[first_index + corner]) * V_COLUMNS)
+            vec.prefetch(vertices, i64(indices[first_index + corner]) * V_COLUMNS)
     for k in range(min(span + 4 * vec.LANES, end_span), min(span + 5 * vec.LANES, end_span)):
-        vec.prefetch(indices, 3 * (np.int64(primitive_ids[k]) - first_id))
+        vec.prefetch(indices, 3 * (i64(primitive_ids[k]) - first_id))
 
 
 @device_function
-def set_up_spans(segment, span, part_end_span, end_span):
-    """Fill SPANS with the spans ``span .. part_end_span``, at most PART.
+def set_up_spans(segment: Segment, span: I64, part_end_span: I64, end_span: I64) -> bool:
+    """Fill Spans with the spans ``span .. part_end_span``, at most PART.
 
     Args:
         end_span: end of the segment.
@@ -291,14 +305,14 @@ def set_up_spans(segment, span, part_end_span, end_span):
     return segment.has_constant_normals != 0
 
 
-@kernel("void(int64, int64, int64, int64)")
-def set_up_part(segment_address, span, part_end_span, end_span):
-    """``set_up_spans``, compiled once for all looks. Its result is in SEGMENT's ``has_constant_normals``.
+@kernel
+def set_up_part(segment_address: Address, span: I64, part_end_span: I64, end_span: I64) -> None:
+    """``set_up_spans``, compiled once for all looks. Its result is in the segment's ``has_constant_normals``.
 
     Args:
-        segment_address: address of a SEGMENT.
+        segment_address: address of a Segment.
     """
-    segment, is_constant = _segment_at(segment_address), True
+    segment, is_constant = Segment(segment_address), True
     prefetches = segment.instance.topology == TRIANGLES and end_span - span > 4 * vec.LANES
     for batch in range(span, part_end_span, vec.LANES):
         if prefetches:

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from renderers.compiler import simd as vec
 from renderers.compiler.device_function import device_function, inlined
+from renderers.compiler.kernel_types import I32, I64, Pointer, i64
 from renderers.compiler.pointers import address, advance, allocate, f64_at, i32_at, i64_at, release
 from renderers.primitive_ids import instance_of
 from renderers.shading.layout import (
@@ -18,10 +19,11 @@ from renderers.shading.layout import (
     HAS_UV0,
     HAS_UV1,
     PART,
-    PIXELS,
-    SEGMENT,
-    SPANS,
     UNLIT,
+    Segment,
+    ShadedPixels,
+    ShadingInputs,
+    Spans,
 )
 
 NO_PRIMITIVE: Final = -1
@@ -41,17 +43,13 @@ SPAN_OFFSETS: Final = _span_offsets()
 table is a mask of seven bits: bit k - 1 is set if a span begins at pixel k, 1 <= k <= 7."""
 
 
-new_segment, new_spans, new_pixels = SEGMENT.local, SPANS.local, PIXELS.local
-"""Memory of a kernel's stack for ``begin_rows``, 120 kilobytes together."""
-
-
 @device_function
-def begin_rows(segment, job, width, spans, pixels):
-    """Give a SEGMENT its working memory for rows of at most ``width`` pixels; ``end_rows`` frees it.
+def begin_rows(segment: Segment, job: ShadingInputs, width: I64, spans: Spans, pixels: ShadedPixels) -> None:
+    """Give a Segment its working memory for rows of at most ``width`` pixels; ``end_rows`` frees it.
 
     Args:
-        job: a SHADING_JOB.
-        spans, pixels: the segment's SPANS and PIXELS.
+        job: a ShadingInputs.
+        spans, pixels: the segment's Spans and ShadedPixels.
     """
     max_spans = width + width // PART + 4 * vec.LANES
     segment.job, segment.spans, segment.pixels = job, spans, pixels
@@ -61,7 +59,7 @@ def begin_rows(segment, job, width, spans, pixels):
 
 
 @device_function
-def end_rows(segment):
+def end_rows(segment: Segment) -> None:
     """Free the memory of ``begin_rows``."""
     release(address(segment.masks))
     release(address(segment.starts))
@@ -70,14 +68,14 @@ def end_rows(segment):
 
 
 @device_function
-def find_spans(segment, y, columns, pixel_ids, width):
+def find_spans(segment: Segment, y: I64, columns: I64, pixel_ids: Pointer[I32], width: I64) -> I64:
     """Find the spans of a row of pixels.
 
     A span also begins at every PART-th pixel, so that the parts of a segment are whole spans, and float32 is accurate
     along a span.
 
     Args:
-        columns: as in SEGMENT. If it is not 0, each pixel is a span of its own.
+        columns: as in Segment. If it is not 0, each pixel is a span of its own.
         pixel_ids: pointer to the primitive ids of ``width`` pixels, int32, NO_PRIMITIVE for none.
 
     Returns:
@@ -91,16 +89,16 @@ def find_spans(segment, y, columns, pixel_ids, width):
         ids[x] = pixel_ids[x]
     for x in range(width, width + 64 + vec.LANES, vec.LANES):
         vec.store(ids, x, vec.i32(_BEYOND_ROW))
-    count = np.int64(0)
+    count = i64(0)
     for x in range(0, width, 64):
-        mask = np.int64(-1)
+        mask = i64(-1)
         if columns == 0:
-            mask = np.int64(x % PART == 0)
+            mask = i64(x % PART == 0)
             for k in range(0, 64, vec.LANES):
                 mask |= vec.movemask(vec.load(ids, x + k) != vec.load(row_ids, x + k + vec.LANES - 1)) << k
         masks[x >> 6] = mask
         if width - x < 64:
-            mask &= (np.int64(1) << (width - x)) - 1
+            mask &= (i64(1) << (width - x)) - 1
         new_spans = vec.count_bits(mask)
         # Eight at a time, since a branch per span would be unpredictable.
         for first in range(count, count + new_spans, vec.LANES):
@@ -115,7 +113,7 @@ def find_spans(segment, y, columns, pixel_ids, width):
 
 
 @inlined
-def next_part(segment, span, begin, end):
+def next_part(segment: Segment, span: I64, begin: I64, end: I64) -> tuple[I64, I64]:
     """Return the end of the next part of a segment: the pixel and the span after it.
 
     Args:
@@ -127,15 +125,15 @@ def next_part(segment, span, begin, end):
     for x in range(begin & -64, part_end, 64):
         mask = masks[x >> 6]
         if x < begin:
-            mask &= np.int64(-1) << (begin - x)
+            mask &= i64(-1) << (begin - x)
         if part_end - x < 64:
-            mask &= (np.int64(1) << (part_end - x)) - 1
+            mask &= (i64(1) << (part_end - x)) - 1
         span += vec.count_bits(mask)
     return part_end, span
 
 
 @device_function
-def next_segment(segment, span, span_count, instance):
+def next_segment(segment: Segment, span: I64, span_count: I64, instance: I64) -> tuple[I64, I64, bool]:
     """Select the instance that a span sees, and find the end of its segment.
 
     Args:
@@ -149,8 +147,8 @@ def next_segment(segment, span, span_count, instance):
         is_background: True if the segment sees no primitive, and no instance is selected.
     """
     job, span_ids = segment.job, segment.ids
-    primitive_id = np.int64(span_ids[span])
-    first_id, end_id = np.int64(NO_PRIMITIVE), np.int64(NO_PRIMITIVE + 1)
+    primitive_id = i64(span_ids[span])
+    first_id, end_id = i64(NO_PRIMITIVE), i64(NO_PRIMITIVE + 1)
     is_background = primitive_id < 0
     if not is_background:
         instance = instance_of(job.first_ids, job.instance_count, primitive_id, instance)
@@ -161,11 +159,11 @@ def next_segment(segment, span, span_count, instance):
         outside = vec.movemask((ids < vec.i32(first_id)) | (ids >= vec.i32(end_id)))
         if outside != 0:
             return min(first + vec.lowest_bit(outside), span_count), instance, is_background
-    return np.int64(span_count), instance, is_background
+    return i64(span_count), instance, is_background
 
 
 @device_function
-def _select_instance(segment, index):
+def _select_instance(segment: Segment, index: I64) -> None:
     """Set the fields of a segment that depend on the instance, given by its index in the draw list."""
     job = segment.job
     instance = job.instances[index]

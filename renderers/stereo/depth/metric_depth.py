@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from renderers.compiler.jit import kernel
+from renderers.compiler.kernel_types import Array1, Array2
 from renderers.stereo.lens.color_camera import ColorCamera
 from renderers.stereo.model import DISPARITY_SCALE, Intrinsics
 
@@ -51,8 +52,10 @@ def align_depth(depth: NDArray[np.uint16], k: Intrinsics, camera: ColorCamera) -
     return aligned
 
 
-@kernel("void(uint16[:,::1], float64[:,::1], float64[::1], uint16[:,::1])")
-def _splat(depth, matrix, offset, aligned):
+@kernel
+def _splat(
+    depth: Array2[np.uint16], matrix: Array2[np.float64], offset: Array1[np.float64], aligned: Array2[np.uint16]
+) -> None:
     """Write the nearest depth at every pixel of the colour camera.
 
     Args:
