@@ -96,10 +96,10 @@ def _find_edges(luma: Pointer[F32], row: I64, north: I64, south: I64, width: I64
     Most of the time is spent here, since few pixels are at edges. LLVM vectorises the loop.
 
     Args:
-        luma: pointer to (height, width) float32, 0 to 255.
+        luma: (height, width), 0 to 255.
         row, north, south: index of the first pixel of the row and of its neighbours in ``luma``.
         width: pixels.
-        may_be_edge: pointer to (width,) uint8.
+        may_be_edge: (width,).
     """
     for x in range(1, width - 1):
         c, n, s, w, e = luma[row + x], luma[north + x], luma[south + x], luma[row + x - 1], luma[row + x + 1]
@@ -115,11 +115,11 @@ def _smooth_pixel(
     """Smooth one pixel.
 
     Args:
-        source, luma: pointers to the unsmoothed image, (height, width, 3) uint8, and its lumas, float32.
-        color: pointer to the smoothed image, uint8.
+        source, luma: pointers to the unsmoothed image, (height, width, 3), and its lumas.
+        color: pointer to the smoothed image.
         x, y: the pixel.
         width, height: pixels.
-        contrast: float32: range of the lumas of the pixel and its four neighbours.
+        contrast: range of the lumas of the pixel and its four neighbours.
     """
     row = y * width
     north, south = min(y + 1, height - 1) * width, max(y - 1, 0) * width
@@ -162,7 +162,7 @@ def _smooth_pixel(
 
 @inlined
 def _mean_of_nine(source: Pointer[U8], rows: tuple[I64, I64, I64], columns: tuple[I64, I64, I64], k: I64) -> F32:
-    """Return the mean of a channel over 3 x 3 pixels, float32.
+    """Return the mean of a channel over 3 x 3 pixels.
 
     Args:
         source: as for ``_smooth_pixel``.

@@ -11,7 +11,7 @@ def instance_of(first_ids: Pointer[I64], instance_count: I64, primitive_id: I64,
     """Return the index of the instance that a primitive belongs to.
 
     Args:
-        first_ids: pointer to (instance_count + 1,) int64, as in ``Visibility.first_ids``.
+        first_ids: (instance_count + 1,), as in ``Visibility.first_ids``.
         primitive_id: >= 0.
         hint: index of the instance that is tried first; neighbouring pixels mostly share it.
     """

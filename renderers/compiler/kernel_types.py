@@ -42,9 +42,10 @@ from typing import (
 )
 
 import numpy as np
-from numba import typeof
-from numba import types as numba_types
 from numpy.typing import NDArray
+
+from renderers.compiler.numba_typing import typeof
+from renderers.compiler.numba_typing import types as numba_types
 
 types: Any = numba_types  # its stubs lack attributes
 
@@ -155,8 +156,7 @@ def type_of(value: Any, wanted: Any) -> Any:
     kinds = {int: (types.Integer, types.Float), float: (types.Float,)}.get(type(value), ())
     if isinstance(wanted, kinds):
         return wanted
-    numba_typeof: Any = typeof  # without annotations
-    return numba_typeof(value)
+    return typeof(value)
 
 
 def name_of(numba: Any) -> str:

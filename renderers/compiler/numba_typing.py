@@ -1,9 +1,9 @@
-"""Operators, fields and signatures of our own Numba types: all of Numba's private typing API that Scenegate uses.
+"""Operators, fields and functions of our own Numba types, and the names of Numba and llvmlite that they are made of.
 
-The public ``numba.extending`` does not replace it: ``overload`` compiles a function for each use, and the functions of
-``type_callable`` are tried after Numba's own. ``device_function`` has the compiler passes, ``cache_locator`` the cache
-and events; the rest of the package uses public names of ``numba`` and ``llvmlite`` only.
-``tests/renderers/compiler/test_numba_typing.py`` fails when Numba changes it.
+Four files import the libraries: this one, ``device_function`` (the compiler's passes), ``cache_locator`` (the cache and
+events) and ``cache_folder`` (the CPU's name). Private API is needed since the public ``numba.extending`` does not
+replace it: ``overload`` compiles a function for each use, and the functions of ``type_callable`` are tried after
+Numba's own. ``tests/renderers/compiler/test_numba_typing.py`` fails when Numba changes it.
 """
 
 from __future__ import annotations
@@ -11,10 +11,14 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any, ClassVar, Final
 
-from numba import extending, types
+from llvmlite import ir as ir
+from numba import extending as numba_extending
+from numba import typeof as numba_typeof
+from numba import types as types
 from numba.core.typing.templates import AbstractTemplate, AttributeTemplate, infer_global
 
-_extending: Final[Any] = extending  # its stubs lack most names
+extending: Final[Any] = numba_extending  # the stubs lack most names
+typeof: Final[Any] = numba_typeof
 
 
 def define_function(key: Any, definition: Callable[..., Any]) -> None:
@@ -42,7 +46,7 @@ def define_function(key: Any, definition: Callable[..., Any]) -> None:
         return generators[signature.args](context, builder, signature, args)
 
     infer_global(key, types.Function(Template))
-    _extending.lower_builtin(key, types.VarArg(types.Any))(lower)
+    extending.lower_builtin(key, types.VarArg(types.Any))(lower)
 
 
 def intrinsic(definition: Callable[..., Any]) -> Any:
@@ -89,7 +93,7 @@ def define_operator(
 
     register_template: Any = infer_global
     register_template(key)(Template)
-    _extending.lower_builtin(key, *operands)(lower)
+    extending.lower_builtin(key, *operands)(lower)
 
 
 def _define_extreme(key: Callable[..., Any], comparison: str) -> None:
@@ -136,6 +140,6 @@ def define_fields(
         def generic_resolve(self, value: Any, attr: str) -> Any:  # type: ignore[override]  # Numba's stubs are wrong
             return field_type(value, attr)
 
-    _extending.infer_getattr(Fields)
-    _extending.lower_getattr_generic(owner)(load)
-    _extending.lower_setattr_generic(owner)(store)
+    extending.infer_getattr(Fields)
+    extending.lower_getattr_generic(owner)(load)
+    extending.lower_setattr_generic(owner)(store)

@@ -13,12 +13,10 @@ from collections.abc import Callable, Mapping
 from typing import Any, Final
 
 import numpy as np
-from llvmlite import ir
-from numba import types
 from numpy.typing import DTypeLike, NDArray
 
 from renderers.compiler.kernel_types import F32, F64, I32, I64, U8, U16, U32, Pointer, numba_type
-from renderers.compiler.numba_typing import intrinsic
+from renderers.compiler.numba_typing import intrinsic, ir, types
 
 CACHE_LINE: Final = 64
 

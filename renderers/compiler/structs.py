@@ -27,13 +27,10 @@ from itertools import repeat
 from typing import TYPE_CHECKING, Any, ClassVar, Final, Self
 
 import numpy as np
-from llvmlite import ir
-from numba import extending, types
 
 from renderers.compiler.kernel_types import numba_type
-from renderers.compiler.numba_typing import define_fields, define_function, define_operator
+from renderers.compiler.numba_typing import define_fields, define_function, define_operator, extending, ir, types
 
-_extending: Final[Any] = extending  # its stubs lack most names
 _I64: Final = ir.IntType(64)
 
 
@@ -116,8 +113,8 @@ def _layout(kind: Any, count: int | None) -> Any:
     return np.dtype(str(kind)) if isinstance(kind, types.Integer | types.Float) else np.dtype(np.int64)
 
 
-@_extending.register_model(_StructType)
-class _StructModel(_extending.models.PrimitiveModel):  # type: ignore[misc]  # Numba has no stubs for it
+@extending.register_model(_StructType)
+class _StructModel(extending.models.PrimitiveModel):  # type: ignore[misc]  # Numba has no stubs for it
     def __init__(self, manager: Any, struct: _StructType) -> None:
         super().__init__(manager, struct, ir.IntType(8).as_pointer())
 

@@ -48,13 +48,13 @@ def append_primitive(chunk: Chunk, first_bin: I64, last_bin: I64) -> None:
 
 @inlined
 def bins_of(chunk: Chunk, k: I64) -> tuple[I64, I64]:
-    """Return the first and last bin, int64, of a chunk's primitive ``k``."""
+    """Return the first and last bin of a chunk's primitive ``k``."""
     return i64(chunk.bins[k] & 0xFFFF), i64(chunk.bins[k] >> 16)
 
 
 @inlined
 def primitives_in_bin(chunk: Chunk, k: I64, bin_index: I64) -> I64:
-    """Return which of the eight primitives from ``k`` on touch a bin, a bit for each, int64."""
+    """Return which of the eight primitives from ``k`` on touch a bin, a bit for each."""
     bins, searched = vec.load(chunk.bins, k), vec.i32(bin_index)
     first_bin, last_bin = bins & vec.i32(0xFFFF), bins >> vec.i32(16)
     return vec.movemask((first_bin <= searched) & (last_bin >= searched) & _used_lanes(k, chunk.count))
@@ -62,7 +62,7 @@ def primitives_in_bin(chunk: Chunk, k: I64, bin_index: I64) -> I64:
 
 @inlined
 def pixels_between(chunk: Chunk, k: I64, begin: I64, end: I64) -> I64:
-    """Return which of the eight tiny triangles' pixels from ``k`` on are in ``begin .. end``, a bit for each, int64."""
+    """Return which of the eight tiny triangles' pixels from ``k`` on are in ``begin .. end``, a bit for each."""
     pixels = vec.load(chunk.pixels, k)
     return vec.movemask((pixels >= vec.i32(begin)) & (pixels < vec.i32(end)) & _used_lanes(k, chunk.pixel_count))
 

@@ -33,7 +33,7 @@ def camera_vertex(draw: Draw, index: I64, out: Pointer[F64], k: I64) -> None:
 
     Args:
         index: of the vertex in its mesh.
-        out: pointer to (N, 3) float64.
+        out: (N, 3).
     """
     p, m = draw.positions, draw.X_camera_mesh
     x, y, z = f64(p[3 * index]), f64(p[3 * index + 1]), f64(p[3 * index + 2])
@@ -43,11 +43,11 @@ def camera_vertex(draw: Draw, index: I64, out: Pointer[F64], k: I64) -> None:
 
 @device_function
 def _plane_distance(frame: RasterFrame, plane: I64, points: Pointer[F64], k: I64) -> F64:
-    """Return how far a point lies inside the near plane (0) or a side of the guard band (1 to 4), float64.
+    """Return how far a point lies inside the near plane (0) or a side of the guard band (1 to 4).
 
     Args:
         plane: 0 to 4.
-        points: pointer to (N, 3) float64, metres in the camera's frame.
+        points: (N, 3), metres in the camera's frame.
         k: index of the point.
     """
     x, y, z = points[3 * k], points[3 * k + 1], points[3 * k + 2]
@@ -73,7 +73,7 @@ def _interpolate_at_plane(
     replace the outside end (``out`` is ``points``): each coordinate is read before it is written.
 
     Args:
-        points, out: pointers to (N, 3) float64.
+        points, out: (N, 3).
         inside, outside: indices of the edge's ends in ``points``.
         d_inside, d_outside: their distances as from ``_plane_distance``.
     """
@@ -85,7 +85,7 @@ def _interpolate_at_plane(
 
 @device_function
 def project_to_pixels(frame: RasterFrame, points: Pointer[F64], k: I64) -> tuple[F32, F32]:
-    """Return the pixel coordinates, float32, of a point that does not lie behind the near plane.
+    """Return the pixel coordinates of a point that does not lie behind the near plane.
 
     Args:
         points, k: as for ``_plane_distance``.
@@ -117,7 +117,7 @@ def _clip_at_plane(
 
     Args:
         plane: as for ``_plane_distance``.
-        points, vertex_indices: pointers to the polygon's ``count`` points, (N, 3) float64, and to the indices, int64,
+        points, vertex_indices: pointers to the polygon's ``count`` points, (N, 3), and to the indices,
             of the mesh's vertices that they are, or -1. A vertex of the mesh keeps exactly the grid position that
             neighbouring triangles use.
         clipped, clipped_vertex_indices: pointers to those of the result.
@@ -191,7 +191,7 @@ def clip_line(frame: RasterFrame, ends: Pointer[F64]) -> bool:
     """Clip a segment in place; return whether something is left.
 
     Args:
-        ends: pointer to its two ends, (2, 3) float64, metres in the camera's frame.
+        ends: pointer to its two ends, (2, 3), metres in the camera's frame.
     """
     if not _is_finite(ends, 2):
         return False

@@ -64,13 +64,13 @@ def _measure(positions: Pointer[F32], vertex_count: I64, out: Pointer[F64]) -> b
 
 @inlined
 def _coincide(a: tuple[F64, F64, F64], b: tuple[F64, F64, F64], tolerance: F64) -> bool:
-    """Return whether two points, three float64 each, are equal in each coordinate, up to a tolerance, metres."""
+    """Return whether two points are equal in each coordinate, up to a tolerance, metres."""
     return (abs(a[0] - b[0]) <= tolerance) & (abs(a[1] - b[1]) <= tolerance) & (abs(a[2] - b[2]) <= tolerance)
 
 
 @inlined
 def _from_center(positions: Pointer[F32], vertex: I64, center: tuple[F64, F64, F64]) -> tuple[F64, F64, F64]:
-    """Return a vertex relative to a point, three float64 each, metres; ``vertex`` is its index."""
+    """Return a vertex relative to a point, metres; ``vertex`` is its index."""
     return (
         positions[3 * vertex] - center[0],
         positions[3 * vertex + 1] - center[1],
@@ -91,7 +91,7 @@ def _faces_away(
 
     Args:
         triangle_count: number of triangles.
-        center: the point, three float64, metres.
+        center: the point, metres.
         extent: largest half extent of the mesh's box, metres.
     """
     for t in range(triangle_count):
@@ -123,9 +123,9 @@ def _clean_and_hash(
 
     Args:
         vertex_count: number of positions.
-        near_zero: float32, metres: coordinates up to this count as 0.
-        cleaned: pointer to (vertex_count, 3) float32; ``bits``: the same memory as uint32.
-        hashes: pointer to (vertex_count, 2) int64.
+        near_zero: coordinates, metres, up to this count as 0.
+        cleaned: (vertex_count, 3); ``bits``: the same memory as uint32.
+        hashes: (vertex_count, 2).
     """
     changed = False
     for k in range(vertex_count):

@@ -43,7 +43,7 @@ _span_array = stack_array(I32, 2 * vec.LANES)
 
 @inlined
 def _sample_points(frame: RasterFrame, row: I64) -> F64x8x2:
-    """Return x, y of the sample points of eight rows, f64x8, grid units, as ``make_fill`` wants them.
+    """Return x, y of the sample points of eight rows, grid units, as ``make_fill`` wants them.
 
     x, the offset from the pixel's centre, is 0; y counts from the image's top.
     """
@@ -114,7 +114,7 @@ def _draw_spans(
     base_x: I64,
     base_y: I64,
 ) -> None:
-    """Draw ``count`` rows from ``row`` on, each in the columns of its lane of ``start`` and ``stop``, i32x8."""
+    """Draw ``count`` rows from ``row`` on, each in the columns of its lane of ``start`` and ``stop``."""
     spans = _span_array()
     vec.store(spans, 0, start)
     vec.store(spans, vec.LANES, stop)

@@ -72,12 +72,7 @@ def depth_test(
 def depth_test_pixel(
     frame: RasterFrame, layer: Layer, depth_rule: I64, pixel: I64, inv_z: F32, primitive_id: I32
 ) -> None:
-    """Write one covered pixel if it is not behind the layer, as ``depth_test``, in any order of primitives.
-
-    Args:
-        inv_z: float32.
-        primitive_id: int32.
-    """
+    """Write one covered pixel if it is not behind the layer, as ``depth_test``, in any order of primitives."""
     old_inv_z = layer.inv_z[pixel]
     old_id = layer.ids[pixel]
     # Without a branch: which of two overlapping meshes is nearer cannot be predicted.

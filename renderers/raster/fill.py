@@ -34,11 +34,11 @@ Target = TypeVar("Target", bound=Struct)
 
 @inlined
 def _first_column_right_of(xa: F64, ya: F64, xb: F64, yb: F64, x: F64x8, y: F64x8) -> I32x8:
-    """Return the first pixel column (i32x8) whose sample point is on or right of the edge a -> b.
+    """Return the first pixel column whose sample point is on or right of the edge a -> b.
 
     Args:
         xa, ya, xb, yb: float64 integers, grid units; ya != yb.
-        x, y: f64x8, grid units: the point's offset across from the pixel's centre, and its position down.
+        x, y: grid units: the point's offset across from the pixel's centre, and its position down.
     """
     dy = vec.f64(yb - ya)
     numerator = vec.f64(xb - xa) * (y - vec.f64(ya)) + (vec.f64(xa - HALF_PIXEL) - x) * dy
@@ -49,7 +49,7 @@ def _first_column_right_of(xa: F64, ya: F64, xb: F64, yb: F64, x: F64x8, y: F64x
 
 @device_function
 def inv_z_origin(primitive: Primitive) -> tuple[I64, I64]:
-    """Return the column and row, int64, of the pixel at whose centre 1/z is ``inv_z_base``."""
+    """Return the column and row of the pixel at whose centre 1/z is ``inv_z_base``."""
     values, kind = primitive.values, primitive.kind
     x0, y0 = i64(values[0]), i64(values[1])
     if kind == KIND_TRIANGLE:
@@ -116,7 +116,7 @@ def _triangle_of(polygon: Pointer[I64], corner: I64) -> tuple[_Corners, I64]:
 
 @inlined
 def _limit_by_edge(start: I32x8, stop: I32x8, xa: F64, ya: F64, xb: F64, yb: F64, x: F64x8, y: F64x8) -> I32x8x2:
-    """Narrow the columns ``start .. stop`` (i32x8) of rows to the inner side of a clockwise triangle's edge a -> b.
+    """Narrow the columns ``start .. stop`` of rows to the inner side of a clockwise triangle's edge a -> b.
 
     Args:
         xa, ya, xb, yb, x, y: as for ``_first_column_right_of``.
@@ -130,11 +130,10 @@ def _limit_by_edge(start: I32x8, stop: I32x8, xa: F64, ya: F64, xb: F64, yb: F64
 
 @inlined
 def _covered_columns(corners: _Corners, left: I64, right: I64, x: F64x8, y: F64x8) -> I32x8x2:
-    """Return the columns ``start .. stop`` in which each sample point is covered, i32x8 each.
+    """Return the columns ``start .. stop`` in which each sample point is covered.
 
     Args:
-        corners: _Corners.
-        left, right: limits of the columns, int64.
+        left, right: limits of the columns.
         x, y: as for ``_first_column_right_of``.
     """
     x0, y0 = f64(corners.x0), f64(corners.y0)

@@ -29,7 +29,7 @@ class Box(NamedTuple, Generic[N]):
 
 @device_function
 def snap_to_grid(value: F32) -> I64:
-    """Return the grid coordinate, int64, of a value in pixels, float32. The product is exact; ties round to even."""
+    """Return the grid coordinate of a value in pixels. The product is exact; ties round to even."""
     return i64(np.rint(f32(value) * f32(SUBPIXEL)))
 
 

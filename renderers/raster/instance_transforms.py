@@ -13,7 +13,7 @@ def _is_unclipped_convex(frame: RasterFrame, m: Pointer[F64], instance: RasterIn
     """Return whether a mesh is convex and its box lies beyond the near plane and within the guard band.
 
     Args:
-        m: pointer to the instance's ``X_camera_mesh``, (4, 4) float64.
+        m: pointer to the instance's ``X_camera_mesh``, (4, 4).
     """
     center, half = instance.box_center, instance.box_half
     # Over the box, in the camera's frame: limits of |x| and |y|, and the least z.
@@ -37,7 +37,7 @@ def _is_unclipped_convex(frame: RasterFrame, m: Pointer[F64], instance: RasterIn
 
 @device_function
 def _determinant(m: Pointer[F64]) -> F64:
-    """Return the determinant, float64, of the upper left 3 x 3 of ``m``, pointer to (4, 4) float64."""
+    """Return the determinant, of the upper left 3 x 3 of ``m``, (4, 4)."""
     return (
         m[0] * (m[5] * m[10] - m[6] * m[9]) + m[1] * (m[6] * m[8] - m[4] * m[10]) + m[2] * (m[4] * m[9] - m[5] * m[8])
     )

@@ -234,13 +234,13 @@ class Layer(Struct):
 
 @inlined
 def vertex_of(frame: RasterFrame, draw: Draw, index: I64) -> Pointer[F32]:
-    """Return a pointer to the values in RasterFrame.vertices of a vertex; ``index`` is that in its mesh, int64."""
+    """Return a pointer to the values in RasterFrame.vertices of a vertex; ``index`` is that in its mesh."""
     return advance(frame.vertices, 4 * (draw.first_vertex + index))
 
 
 @inlined
 def box_of(triangle: SmallTriangle) -> tuple[I64, I64, I64, I64]:
-    """Return first column, first row, number of columns and of rows of a SmallTriangle's box, int64."""
+    """Return first column, first row, number of columns and of rows of a SmallTriangle's box."""
     corner, size = i64(triangle.box_corner), i64(triangle.box_size)
     left = ((corner & 0xFFFF) ^ 0x8000) - 0x8000  # sign-extended from 16 bits
     return left, corner >> 16, size & 0xFFFF, size >> 16

@@ -42,9 +42,8 @@ def _camera_corners(
     """Write the corners of a triangle in the camera's frame, metres: corner k to ``corners[3 k .. 3 k + 3]``.
 
     Args:
-        X_camera_mesh: pointer to (4, 4) float64.
+        X_camera_mesh: (4, 4).
         first_index: index of the triangle's first index.
-        corners: pointer to 9 float64.
     """
     m = X_camera_mesh
     for k in range(3):
@@ -65,7 +64,7 @@ def _camera_normals(
     """Write the normals of a triangle's corners in the camera's frame, of any length; otherwise as ``_camera_corners``.
 
     Args:
-        normals: pointer to (N, 3) float32, in the mesh's frame.
+        normals: (N, 3), in the mesh's frame.
         corner_normals: pointer to 9 float64: that of corner k goes to ``corner_normals[3 k .. 3 k + 3]``.
     """
     m = X_camera_mesh
@@ -87,7 +86,7 @@ def _adjugate(corners: Pointer[F64], out: Pointer[F64]) -> F64:
         out: pointer to 9 float64: row k goes to ``out[3 k .. 3 k + 3]``.
 
     Returns:
-        The determinant, float64.
+        The determinant.
     """
     for k in range(3):
         a, b = advance(corners, 3 * ((k + 1) % 3)), advance(corners, 3 * ((k + 2) % 3))
@@ -143,8 +142,7 @@ def _fill_normals(out: Pointer[F32], start: I64, stop: I64, normal: tuple[F64, F
     """Write one normal to the pixels ``start .. stop`` of a row.
 
     Args:
-        out: pointer to the row, (width, 3) float32.
-        normal: three float64.
+        out: pointer to the row, (width, 3).
     """
     for column in range(start, stop):
         for axis in range(3):
@@ -215,8 +213,8 @@ def _resolve_depth_row(inv_z: Pointer[F32], ids: Pointer[I32], out: Pointer[F32]
     """Write the depth of one row.
 
     Args:
-        inv_z, ids: pointers to the row's 1/z, float32, and primitive ids, int32, whole vectors of them.
-        out: pointer to ``width`` float32, metres.
+        inv_z, ids: pointers to the row's 1/z and primitive ids, whole vectors of them.
+        out: ``width`` float32, metres.
     """
     one, no_depth, zero = vec.f32(1.0), vec.f32(np.inf), vec.i32(0)
     for column in range(0, width, vec.LANES):
@@ -247,10 +245,10 @@ def _resolve_instance_row(
     """Write the value of the instance that each pixel of a row sees, eight pixels at a time.
 
     Args:
-        ids: pointer to the row's primitive ids, int32, whole vectors of them.
-        table: pointer to (instance_count,) int32, the instances' values.
+        ids: pointer to the row's primitive ids, whole vectors of them.
+        table: (instance_count,), the instances' values.
         background: value where nothing is seen.
-        out: pointer to the row's output, int32.
+        out: pointer to the row's output.
     """
     first_ids, width = frame.first_ids, frame.width
     # The instance that was seen last, its value, and the range of its primitive ids.

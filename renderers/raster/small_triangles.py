@@ -133,14 +133,13 @@ def _load_edges(triangle: SmallTriangle) -> _RowEdges:
 
 @inlined
 def _covered_columns(edges: _RowEdges, row_in_box: F32x8, lower: F32x8, upper: F32x8) -> I32x8x2:
-    """Return the first covered column, counted from the box's first, and their number in each of eight rows, i32x8.
+    """Return the first covered column, counted from the box's first, and their number in each of eight rows.
 
     Column c is covered if lower < c < upper. So the first one is floor(lower + 1), the end floor(upper + 1): step 5.
 
     Args:
-        edges: a _RowEdges.
-        row_in_box: f32x8, counted from the box's first row.
-        lower, upper: f32x8: limits by box and image, integers minus a half, counted from the box's first column.
+        row_in_box: counted from the box's first row.
+        lower, upper: limits by box and image, integers minus a half, counted from the box's first column.
     """
     box_upper, one = upper, vec.f32(1.0)
     lower, upper = _limit_by_edge(lower, upper, edges, 0, row_in_box)
@@ -164,10 +163,10 @@ def _limit_by_edge(lower: F32x8, upper: F32x8, edges: _RowEdges, k: I64, row_in_
 
 @inlined
 def _block_masks(begin: I32x8, column_count: I32x8) -> tuple[I64, I64]:
-    """Return the two masks, int64, as PreparedTriangle.blocks, of the blocks of eight rows with any covered column.
+    """Return the two masks, as PreparedTriangle.blocks, of the blocks of eight rows with any covered column.
 
     Args:
-        begin, column_count: i32x8: the rows' first covered columns, counted from the first block's first, and their
+        begin, column_count: the rows' first covered columns, counted from the first block's first, and their
             number.
     """
     block_shift, none = vec.i32(_BLOCK_SHIFT), vec.i32(0)
@@ -206,7 +205,6 @@ def prepare_small(
 
     Args:
         first_row, end_row: rows of the image, at most BAND_ROWS.
-        prepared: a PreparedTriangle.
     """
     box_x, box_y, box_column_count, box_row_count = box_of(triangle)
     top, bottom = max(box_y, first_row), min(box_y + box_row_count, end_row)

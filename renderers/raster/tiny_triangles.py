@@ -22,7 +22,7 @@ def has_room_for_tiny(frame: RasterFrame, chunk: Chunk) -> bool:
 
 @inlined
 def is_tiny(frame: RasterFrame, box: Box[I32x8]) -> Mask8:
-    """Return m8: Boxes (i32x8 each) of at most TINY_SIDE x TINY_SIDE pixels, all in the image."""
+    """Return which Boxes have at most TINY_SIDE x TINY_SIDE pixels, all in the image."""
     zero, side = vec.i32(0), vec.i32(TINY_SIDE)
     tiny = (box.right - box.left <= side) & (box.bottom - box.top <= side)
     tiny = tiny & (box.left >= zero) & (box.right <= vec.i32(frame.width))
@@ -43,8 +43,8 @@ def rasterize_tiny(
     """Append the pixels of tiny triangles, at most TINY_SIDE x TINY_SIDE of each, to a Chunk.
 
     Args:
-        tiny: m8, the triangles to draw.
-        is_kept_back: m8, back faces that are kept: their pixels get BACK_BIT.
+        tiny: the triangles to draw.
+        is_kept_back: back faces that are kept: their pixels get BACK_BIT.
         box, edges, plane: their Box, Edges and InvZPlane.
     """
     first_pixel = box.top * vec.i32(frame.stride) + box.left
@@ -77,7 +77,7 @@ def _append_pixels(chunk: Chunk, count: I64, covered: Mask8, pixels: I32x8, inv_
     Without a branch, since coverage cannot be predicted. Up to seven values beyond the last are overwritten.
 
     Args:
-        pixels: i32x8, as Chunk.pixels.
+        pixels: as Chunk.pixels.
     """
     vec.store(chunk.pixels, count, vec.compress(covered, pixels))
     vec.store(chunk.pixel_inv_z, count, vec.compress(covered, inv_z))

@@ -40,11 +40,11 @@ def _draw_index_of_vertex(frame: RasterFrame, vertex: I64) -> I64:
 
 @inlined
 def _affine_row(row: Pointer[F64], x: F64x8, y: F64x8, z: F64x8) -> F64x8:
-    """Return a coordinate of eight transformed points, f64x8.
+    """Return a coordinate of eight transformed points.
 
     Args:
-        row: pointer to a row of an affine transform, four float64; the last is the translation.
-        x, y, z: f64x8 each, the points.
+        row: pointer to a row of an affine transform; the last is the translation.
+        x, y, z: the points.
     """
     return vec.f64(row[0]) * x + vec.f64(row[1]) * y + vec.f64(row[2]) * z + vec.f64(row[3])
 
@@ -56,9 +56,9 @@ def _transform_eight(
     """Transform eight vertices.
 
     Args:
-        X_camera_mesh: pointer to its first three rows, (3, 4) float64.
-        positions: pointer to (8, 3) float32, metres in the mesh's frame.
-        out: pointer to (8, 4) float32: x, y (pixels), 1/z (1/m), unused.
+        X_camera_mesh: pointer to its first three rows, (3, 4).
+        positions: (8, 3), metres in the mesh's frame.
+        out: (8, 4): x, y (pixels), 1/z (1/m), unused.
     """
     # load_third(p, i, k): every third value from p[i] on, its k-th of three.
     px = vec.to_f64(vec.load_third(positions, 0, 0))

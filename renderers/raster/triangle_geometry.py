@@ -48,12 +48,12 @@ class InvZPlane(NamedTuple):
 
 @inlined
 def load_triangles(draw: Draw, first: I64, count: I64, vertices: Pointer[F32]) -> tuple[F32x8x3, F32x8x3, F32x8x3]:
-    """Return x, y (pixels) and 1/z (or BEHIND, OUTSIDE) of the corners of eight triangles, three f32x8 each.
+    """Return x, y (pixels) and 1/z (or BEHIND, OUTSIDE) of the corners of eight triangles.
 
     Args:
         first: index of the first triangle in its mesh.
         count: number of triangles; the lanes beyond them repeat the last one, since there may be no more indices.
-        vertices: pointer to the draw's vertices, (n, 4) float32 as in RasterFrame.
+        vertices: pointer to the draw's vertices, (n, 4) as in RasterFrame.
     """
     indices = advance(draw.indices, _CORNERS * first)
     if count < vec.LANES:
@@ -82,17 +82,16 @@ def maximum_of_3(a: tuple[Lanes, Lanes, Lanes]) -> Lanes:
 
 @inlined
 def snap_to_grid_3(a: F32x8x3) -> I32x8x3:
-    """Return the grid coordinates, i32x8, of three f32x8 in pixels, as ``grid.snap_to_grid``."""
+    """Return the grid coordinates of values in pixels, as ``grid.snap_to_grid``."""
     scale = vec.f32(float(SUBPIXEL))  # grid units per pixel
     return vec.to_i32(vec.rint(a[0] * scale)), vec.to_i32(vec.rint(a[1] * scale)), vec.to_i32(vec.rint(a[2] * scale))
 
 
 @inlined
 def bounding_box(gx: I32x8x3, gy: I32x8x3, reach: I64) -> Box[I32x8]:
-    """Return the Box, i32x8 each, of corners on the grid; perhaps off the image.
+    """Return the Box of corners on the grid; perhaps off the image.
 
     Args:
-        gx, gy: three i32x8 each.
         reach: as RasterFrame.sample_reach.
     """
     subpixel_bits = vec.i32(SUBPIXEL_BITS)
@@ -110,7 +109,7 @@ def bounding_box(gx: I32x8x3, gy: I32x8x3, reach: I64) -> Box[I32x8]:
 
 @inlined
 def overlaps_image(frame: RasterFrame, box: Box[I32x8]) -> Mask8:
-    """Return m8: Boxes, i32x8 each, with any pixel in the image."""
+    """Return which Boxes have any pixel in the image."""
     zero = vec.i32(0)
     has_columns = vec.maximum(box.left, zero) < vec.minimum(box.right, vec.i32(frame.width))
     return has_columns & (vec.maximum(box.top, zero) < vec.minimum(box.bottom, vec.i32(frame.height)))
@@ -133,7 +132,7 @@ def _edge_function(xa: I32x8, ya: I32x8, xb: I32x8, yb: I32x8, px: I32x8, py: I3
 
 @inlined
 def edge_functions(gx: I32x8x3, gy: I32x8x3, box: Box[I32x8]) -> Edges:
-    """Return the Edges of clockwise triangles with corners on the grid, three i32x8 each.
+    """Return the Edges of clockwise triangles with corners on the grid.
 
     Valid for boxes of at most MAX_SMALL_WIDTH x MAX_SMALL_HEIGHT. Of others they have wrapped around, and
     ``triangle_setup`` does not use them.
@@ -154,7 +153,7 @@ def inv_z_plane(x: F32x8x3, y: F32x8x3, w: F32x8x3, box: Box[I32x8]) -> InvZPlan
     of the snapped vertices, so that 1/z of a covered pixel may be extrapolated a little: see ``InvZPlane.min``.
 
     Args:
-        x, y, w: pixels and 1/z of the corners, three f32x8 each.
+        x, y, w: pixels and 1/z of the corners.
     """
     ax, ay, aw = vec.to_f64(x[0]), vec.to_f64(y[0]), vec.to_f64(w[0])
     edge1_x, edge1_y, edge1_w = vec.to_f64(x[1]) - ax, vec.to_f64(y[1]) - ay, vec.to_f64(w[1]) - aw

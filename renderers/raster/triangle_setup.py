@@ -113,11 +113,11 @@ def _set_up_eight(
 
 @inlined
 def _in_front(frame: RasterFrame, w: F32x8x3, count: I64) -> tuple[Mask8, I64]:
-    """Return which triangles have all corners within near and far plane and guard band, m8, and which need clipping, a
+    """Return which triangles have all corners within near and far plane and guard band, and which need clipping, a
     bit for each.
 
     Args:
-        w: 1/z of the corners, or BEHIND or OUTSIDE, three f32x8.
+        w: 1/z of the corners, or BEHIND or OUTSIDE.
         count: number of triangles.
     """
     zero, used = vec.f32(0.0), vec.iota() < vec.i32(count)
@@ -131,8 +131,7 @@ def _fits_small(box: Box[I32x8], w: F32x8x3) -> Mask8:
     """Return m8: triangles whose edge functions fit int32, and 1/z float32.
 
     Args:
-        box: Box, i32x8 each.
-        w: 1/z of the corners, three f32x8.
+        w: 1/z of the corners.
     """
     fits = (box.right - box.left <= vec.i32(MAX_SMALL_WIDTH)) & (box.bottom - box.top <= vec.i32(MAX_SMALL_HEIGHT))
     return fits & (maximum_of_3(w) <= minimum_of_3(w) * vec.f32(MAX_SMALL_DEPTH_RATIO))
@@ -140,7 +139,7 @@ def _fits_small(box: Box[I32x8], w: F32x8x3) -> Mask8:
 
 @inlined
 def _swap_last_two(swapped: Mask8, corners: I32x8x3) -> I32x8x3:
-    """Return a coordinate of the three corners, the last two exchanged in the lanes of ``swapped``, m8."""
+    """Return a coordinate of the three corners, the last two exchanged in the lanes of ``swapped``."""
     return select3(swapped, (corners[0], corners[2], corners[1]), corners)
 
 
@@ -149,7 +148,7 @@ def _store_field_rows(field_rows: Pointer[I32], ids: I32x8, box: Box[I32x8], edg
     """Write eight SMALL_TRIANGLEs, transposed: the eight values of a field, then those of the next one.
 
     Args:
-        field_rows: pointer to (_SMALL_FIELDS, 8) int32.
+        field_rows: (_SMALL_FIELDS, 8).
         box, edges, plane: Box, Edges and InvZPlane of the eight triangles.
     """
     low_half = vec.i32(0xFFFF)

@@ -37,10 +37,10 @@ _COARSEST_SAMPLES: Final = 3
 
 @inlined
 def squared_sides(gradient: F32x8x4, width: F32x8, height: F32x8) -> F32x8x2:
-    """Return the squares of both sides of eight pixels' footprints, texels of a level, f32x8 each.
+    """Return the squares of both sides of eight pixels' footprints, texels of a level.
 
     Args:
-        width, height: f32x8, of the level, texels.
+        width, height: of the level, texels.
     """
     du_dx, dv_dx, du_dy, dv_dy = gradient
     ds_dx, dt_dx = du_dx * width, dv_dx * height
@@ -50,10 +50,10 @@ def squared_sides(gradient: F32x8x4, width: F32x8, height: F32x8) -> F32x8x2:
 
 @inlined
 def _samples_along(squared_side: F32x8) -> F32x8:
-    """Return the number of samples at most ``_SAMPLE_SPACING`` apart, f32x8; where too many, one more than permitted.
+    """Return the number of samples at most ``_SAMPLE_SPACING`` apart; where too many, one more than permitted.
 
     Args:
-        squared_side: f32x8, squared texels.
+        squared_side: squared texels.
     """
     # Limited to the side that gives one sample more than permitted, since it may be infinite.
     longest = (_MAX_SAMPLES_PER_AXIS + 1) * _SAMPLE_SPACING
@@ -64,12 +64,11 @@ def _samples_along(squared_side: F32x8) -> F32x8:
 
 @inlined
 def _area_grids(texture: ShadingTexture, gradient: F32x8x4, is_linear: bool) -> I32x8x3:
-    """Return the grids for the footprints of eight pixels: mip level, columns and rows, i32x8 each.
+    """Return the grids for the footprints of eight pixels: mip level, columns and rows.
 
     The level is the finest one whose texels the permitted number of samples covers.
 
     Args:
-        texture: a ShadingTexture.
         is_linear: bool; False: the filter is the nearest texel.
     """
     max_samples, max_per_axis = vec.f32(_MAX_SAMPLES), vec.f32(_MAX_SAMPLES_PER_AXIS)
@@ -93,7 +92,7 @@ def _area_grids(texture: ShadingTexture, gradient: F32x8x4, is_linear: bool) -> 
 
 @inlined
 def _sample_spread(squared_side: F32x8, count: F32x8, edge_variance: F32x8) -> F32x8:
-    """Return factors of the distances of ``count`` samples that keep edges as wide as the footprint makes them, f32x8.
+    """Return factors of the distances of ``count`` samples that keep edges as wide as the footprint makes them.
 
     The variance of a footprint of side L is L² / 12, and that of n samples evenly in it L² (1 - 1/n²) / 12. Bilinear
     interpolation adds edge_variance / 12. The factor ``spread`` of the samples' distances, below or above 1, makes the
@@ -105,9 +104,9 @@ def _sample_spread(squared_side: F32x8, count: F32x8, edge_variance: F32x8) -> F
     n samples of level 0, one texel apart (L = n, edge_variance = 1), have the spread 1.
 
     Args:
-        squared_side: f32x8, L², squared texels of the level.
-        count: f32x8, n.
-        edge_variance: f32x8, units of 1/12 squared texel.
+        squared_side: L², squared texels of the level.
+        count: n.
+        edge_variance: units of 1/12 squared texel.
     """
     one = vec.f32(1.0)
     squared_count = count * count
@@ -119,12 +118,12 @@ def _sample_spread(squared_side: F32x8, count: F32x8, edge_variance: F32x8) -> F
 def sample_area(
     texture: ShadingTexture, view: TextureView, pixels: ShadedPixels, x: I64, u: F32x8, v: F32x8, gradient: F32x8x4
 ) -> F32x8x4:
-    """Return RGBA, 0 .. 1, f32x8 each, averaged over the footprints of eight pixels.
+    """Return RGBA, 0 .. 1, averaged over the footprints of eight pixels.
 
     Args:
         texture, view: a ShadingTexture and its TextureView.
         pixels: its rows of texels are overwritten.
-        u, v: f32x8, texture coordinates of the pixels' centres.
+        u, v: texture coordinates of the pixels' centres.
     """
     du_dx, dv_dx, du_dy, dv_dy = gradient
     zero, half, one = vec.f32(0.0), vec.f32(0.5), vec.f32(1.0)

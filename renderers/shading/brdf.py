@@ -35,8 +35,8 @@ def headlight_cosines(normal: F32x8x3, ray_x: F32x8, ray_y: F32x8) -> F32x8x3:
     Where the normal has no direction, n . l is 0 or NaN.
 
     Args:
-        normal: three f32x8, of any length, on the visible side, in the optical frame.
-        ray_x, ray_y: f32x8, where the pixels' rays meet the plane z = 1, in the optical frame.
+        normal: of any length, on the visible side, in the optical frame.
+        ray_x, ray_y: where the pixels' rays meet the plane z = 1, in the optical frame.
     """
     zero, one = vec.f32(0.0), vec.f32(1.0)
     ray_length, normal_length = vec.sqrt(ray_x * ray_x + (ray_y * ray_y + one)), vec.sqrt(dot(normal, normal))
@@ -78,7 +78,7 @@ def schlick(v_l: F32x8) -> F32x8:
 
 @inlined
 def vtk_colors(base_color: F32x8x3, metallic: F32x8) -> tuple[F32x8x3, F32x8x3, F32x8x3]:
-    """Return the diffuse colour, F0 and F90 - F0 of linear base colours, three f32x8 each.
+    """Return the diffuse colour, F0 and F90 - F0 of linear base colours.
 
     F0 is 0.04 for dielectrics; F90 = clamp(16.5 (F0.r + F0.g + F0.b)), as in VTK.
     """
@@ -128,9 +128,9 @@ def reflected(
     its base colour.
 
     Args:
-        n, v, l: unit vectors, three f32x8 each.
-        n_l: f32x8, n . l.
-        f0, f90: reflectance of the dielectric at normal incidence (RGB) and at grazing angles (f32x8).
+        n, v, l: unit vectors.
+        n_l: n . l.
+        f0, f90: reflectance of the dielectric at normal incidence (RGB) and at grazing angles.
     """
     zero, one = vec.f32(0.0), vec.f32(1.0)
     n_v = vec.maximum(vec.absolute(dot(n, v)), vec.f32(1e-4))

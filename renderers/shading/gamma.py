@@ -61,7 +61,7 @@ def decode_gamma(c: F32x8, linear_from_gamma: Pointer[F32]) -> F32x8:
     """Return ``c^2.2`` of an f32x8, clamped to 0 .. 1 (NaN to 0), with an error of at most 1e-7.
 
     Args:
-        linear_from_gamma: pointer to ``LINEAR_FROM_GAMMA``.
+        linear_from_gamma: ``LINEAR_FROM_GAMMA``.
     """
     step = saturate(c) * vec.f32(float(_STEPS))
     cell = vec.to_i32(step)
@@ -74,7 +74,7 @@ def encode_gamma(c: F32x8, gamma_from_linear: Pointer[F32]) -> F32x8:
     """Return ``c^(1/2.2)`` of an f32x8, clamped to 0 .. 1 (NaN to 0), with an error of at most 2e-6.
 
     Args:
-        gamma_from_linear: pointer to ``GAMMA_FROM_LINEAR``.
+        gamma_from_linear: ``GAMMA_FROM_LINEAR``.
     """
     c = vec.minimum(vec.maximum(c, vec.f32(_MIN_LINEAR)), vec.f32(1.0))
     bits = vec.float_bits(c) - vec.i32(_MIN_LINEAR_BITS)

@@ -37,7 +37,7 @@ def _span_starts_after(masks: Pointer[I64], x: I64) -> I64:
 
 @inlined
 def pixel_columns(columns: I64, x: I64) -> I32x8:
-    """Return the image columns of the pixels x .. x + 8 of a row, i32x8; ``columns`` as in Segment."""
+    """Return the image columns of the pixels x .. x + 8 of a row; ``columns`` as in Segment."""
     if columns != 0:
         return vec.load(i32_at(columns), x)
     return vec.i32(x) + vec.iota()
@@ -45,25 +45,25 @@ def pixel_columns(columns: I64, x: I64) -> I32x8:
 
 @inlined
 def _span_values(rows: Pointer[F32], row: I64, at: I64, offsets: I32x8) -> F32x8:
-    """Return the values in a row of Spans for the spans of eight pixels, f32x8.
+    """Return the values in a row of Spans for the spans of eight pixels.
 
     Args:
         rows: pointer to a field of Spans, of which ``row`` is one row.
         at: index in Spans of the first pixel's span; seven more are loaded.
-        offsets: i32x8, index of each pixel's span, counted from ``at``.
+        offsets: index of each pixel's span, counted from ``at``.
     """
     return vec.permute(vec.load(rows, row * SPAN_STRIDE + at), offsets)
 
 
 @inlined
 def _along_span(rows: Pointer[F32], row: I64, components: I64, at: I64, offsets: I32x8, t: F32x8) -> F32x8:
-    """Return a value that is linear along spans, at eight pixels, f32x8.
+    """Return a value that is linear along spans, at eight pixels.
 
     Args:
         rows, at, offsets: as in ``_span_values``.
         row: row of the value at the first pixel of each span. Its change per pixel is ``components`` rows
             further: Spans has all values first, then all changes.
-        t: f32x8, pixels from the beginning of each pixel's span.
+        t: pixels from the beginning of each pixel's span.
     """
     return _span_values(rows, row, at, offsets) + _span_values(rows, row + components, at, offsets) * t
 
@@ -141,8 +141,8 @@ def _store_gradient(
     Args:
         pixel: index in the part of the first of the pixels.
         at, offsets: as in ``_span_values``.
-        uv: f32x8, u or v.
-        inv_weight_sum: f32x8, 1 / W.
+        uv: u or v.
+        inv_weight_sum: 1 / W.
     """
     spans = segment.spans
     for axis in range(2):  # columns, rows
@@ -158,9 +158,9 @@ def _store_surface(segment: Segment, columns: F32x8, pixel: I64, at: I64, offset
     """Store ``flat_normal`` and ``point`` of eight pixels.
 
     Args:
-        columns: f32x8, image columns of the pixels.
+        columns: image columns of the pixels.
         pixel, at, offsets: as in ``_store_gradient``.
-        weight_sum: f32x8, sums of the weights.
+        weight_sum: sums of the weights.
     """
     spans, pixels, job = segment.spans, segment.pixels, segment.job
     # Spans.depth is z times the sum of the weights, and constant along a span.

@@ -67,7 +67,7 @@ def _level(c: F32x8, cells: Pointer[I32]) -> I32x8:
 
 @inlined
 def encoded_pixels(r: F32x8, g: F32x8, b: F32x8, cells: Pointer[I32]) -> I32x8:
-    """Return eight linear colours (f32x8 each) as packed pixels, red in the lowest byte.
+    """Return eight linear colours as packed pixels, red in the lowest byte.
 
     NaN and values below 0 give 0, values above 1 give 255.
 

@@ -20,8 +20,7 @@ def is_minified(texture: ShadingTexture, squared_side: F32x8) -> Mask8:
     """Return a mask of the pixels that see more than a texel of level 0.
 
     Args:
-        texture: a ShadingTexture.
-        squared_side: f32x8, square of the longer side of the pixel's footprint, texels of level 0.
+        squared_side: square of the longer side of the pixel's footprint, texels of level 0.
     """
     # With a linear magnifying and a nearest minifying filter, minification begins at half a level (OpenGL 4.6, 8.14).
     begins_late = texture.mag_linear != 0 and texture.min_linear == 0 and texture.mips != MIPS_NONE
@@ -36,8 +35,7 @@ def mip_levels(texture: ShadingTexture, squared_side: F32x8) -> tuple[I32x8, F32
         texture, squared_side: as in ``is_minified``.
 
     Returns:
-        level: i32x8.
-        next_weight: f32x8, weight of the next level, 0 .. 1.
+        next_weight: weight of the next level, 0 .. 1.
     """
     level, next_weight = vec.i32(0), vec.f32(0.0)
     if texture.mips != MIPS_NONE:

@@ -17,8 +17,8 @@ def write_packed_row(color: Pointer[U8], packed_row: Pointer[I32], width: I64) -
     """Write a packed row to a row of the image.
 
     Args:
-        color: pointer to the row, (width, 3) uint8.
-        packed_row: pointer to ``width`` int32, rounded up to whole vectors.
+        color: pointer to the row, (width, 3).
+        packed_row: ``width`` int32, rounded up to whole vectors.
     """
     # A vector store overruns by up to four bytes. The last pixels are stored singly, to keep the next row intact.
     vector_end = max(width - 2, 0) // vec.LANES * vec.LANES

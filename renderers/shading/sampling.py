@@ -32,7 +32,7 @@ Shading with a texture of 2048 x 2048 takes 20 to 30 % less time, with mip level
 
 @inlined
 def _load_uv_transform(texture: ShadingTexture) -> F32x8x6:
-    """Return the six values of a texture's uv_transform, f32x8 each."""
+    """Return the six values of a texture's uv_transform."""
     m = texture.uv_transform
     return vec.f32(m[0]), vec.f32(m[1]), vec.f32(m[2]), vec.f32(m[3]), vec.f32(m[4]), vec.f32(m[5])
 

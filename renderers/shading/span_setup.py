@@ -43,10 +43,10 @@ Attributes = TypeVar("Attributes", F32x8x4, F32x8x8)
 
 @inlined
 def _vertex_indices(segment: Segment, primitive: I32x8) -> I32x8x3:
-    """Return the indices of the three vertices of eight primitives, i32x8 each. Lines and points repeat the last one.
+    """Return the indices of the three vertices of eight primitives. Lines and points repeat the last one.
 
     Args:
-        primitive: i32x8, indices among the primitives of the mesh.
+        primitive: indices among the primitives of the mesh.
     """
     indices = segment.instance.indices
     if segment.instance.topology == TRIANGLES:
@@ -60,7 +60,7 @@ def _vertex_indices(segment: Segment, primitive: I32x8) -> I32x8x3:
 
 @inlined
 def _weighted_sum(weights: F32x8x3, a: F32x8, b: F32x8, c: F32x8) -> F32x8:
-    """Return the weighted sum of one attribute of three vertices, f32x8; ``weights``: three f32x8."""
+    """Return the weighted sum of one attribute of three vertices."""
     return weights[0] * a + weights[1] * b + weights[2] * c
 
 
@@ -92,7 +92,7 @@ def _store_weighted_sums(
     The sums with ``weight_steps`` are stored in the ``count`` rows after them.
 
     Args:
-        weights, weight_steps: three f32x8 each, fields of Weights.
+        weights, weight_steps: fields of Weights.
         a, b, c: values of the vertices, one f32x8 per column of ``vertices``, ``extras`` or ``colors``.
     """
     for j in range(count):
@@ -113,7 +113,6 @@ def _store_gradients(segment: Segment, at: I64, weights: Weights, a: F32x8x8, b:
     """Store how the sum of the weights and the weighted sum of uv0 change per column and per row of the image.
 
     Args:
-        weights: a Weights.
         a, b, c: vertices, V_COLUMNS f32x8 each.
     """
     spans = segment.spans
@@ -186,7 +185,7 @@ def _load_vertices(vertices: Pointer[F32], indices: I32x8x3) -> tuple[F32x8x8, F
 
 @inlined
 def _load_colors(colors: Pointer[F32], indices: I32x8x3) -> tuple[F32x8x4, F32x8x4, F32x8x4]:
-    """Return the colours of three vertices of eight primitives, four f32x8 each."""
+    """Return the colours of three vertices of eight primitives."""
     columns = vec.i32(4)
     return (
         vec.load_quads(colors, indices[0] * columns),
@@ -209,9 +208,8 @@ def _store_normals(
     """Store the normals of vertices; return True if they are constant along each span.
 
     Args:
-        weights: a Weights.
         a, b, c: vertices, V_COLUMNS f32x8 each.
-        facing: f32x8, as Spans.facing.
+        facing: as Spans.facing.
     """
     spans, matrix, zero, k = segment.spans, segment.matrices.normal, vec.f32(0.0), V_NORMAL
     is_same = (a[k] == b[k]) & (a[k + 1] == b[k + 1]) & (a[k + 2] == b[k + 2])
@@ -230,8 +228,8 @@ def _store_flat_normals(segment: Segment, at: I64, p0: F64x8x3, p1: F64x8x3, p2:
     """Store the unit normals of triangles, also as those of vertices where a mesh has none.
 
     Args:
-        p0, p1, p2: vertices, three f64x8 each, metres, optical frame.
-        sign: f64x8, of ``weight_matrix``.
+        p0, p1, p2: vertices, metres, optical frame.
+        sign: of ``weight_matrix``.
     """
     spans, zero, one = segment.spans, vec.f64(0.0), vec.f64(1.0)
     plane_normal = cross(minus(p1, p0), minus(p2, p0))
@@ -251,8 +249,7 @@ def _store_extras(segment: Segment, at: I64, weights: Weights, indices: I32x8x3)
     """Store weighted sums of uv1 and of tangents.
 
     Args:
-        weights: a Weights.
-        indices: three i32x8, of the vertices.
+        indices: of the vertices.
     """
     spans, matrix, extras = segment.spans, segment.matrices.tangent, segment.instance.extras
     columns = vec.i32(E_COLUMNS)

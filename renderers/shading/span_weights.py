@@ -51,10 +51,9 @@ def rays_of(job: ShadingInputs, y: I64, first_column: I32x8, step_count: F64x8) 
     """Return the Rays of spans.
 
     Args:
-        job: a ShadingInputs.
-        y: int64, row of the image.
-        first_column: i32x8, column of the image of the first pixel.
-        step_count: f64x8, number of pixels after the first one.
+        y: row of the image.
+        first_column: column of the image of the first pixel.
+        step_count: number of pixels after the first one.
     """
     pixel_width, pixel_height = vec.f64(1.0 / job.fx), vec.f64(1.0 / job.fy)  # in the plane z = 1
     first_x = (vec.to_f64(first_column) + vec.f64(0.5 - job.cx)) * pixel_width
@@ -83,7 +82,7 @@ def _line_weights(p: F64x8x3, q: F64x8x3) -> tuple[tuple[F64x8x3, F64x8x3, F64x8
     point's depth is s . s / denominator.
 
     Args:
-        p, q: three f64x8 each, metres, optical frame.
+        p, q: metres, optical frame.
     """
     e = minus(q, p)
     sx, sy = e[0] * p[2] - p[0] * e[2], e[1] * p[2] - p[1] * e[2]
@@ -95,7 +94,7 @@ def _line_weights(p: F64x8x3, q: F64x8x3) -> tuple[tuple[F64x8x3, F64x8x3, F64x8
 
 @inlined
 def _dot_ray(row: F64x8x3, ray_x: F64x8, ray_y: F64x8) -> F64x8:
-    """Return the product of a row of a matrix with the ray (ray_x, ray_y, 1), f64x8."""
+    """Return the product of a row of a matrix with the ray (ray_x, ray_y, 1)."""
     return row[0] * ray_x + row[1] * ray_y + row[2]
 
 
@@ -108,14 +107,13 @@ def weight_matrix(
     The point's depth, metres, is the determinant divided by the sum of the weights.
 
     Args:
-        topology: int64, as in ShadingInstance.
-        p0, p1, p2: vertices, three f64x8 each, metres, optical frame.
+        topology: as in ShadingInstance.
+        p0, p1, p2: vertices, metres, optical frame.
         rays: the Rays of the spans.
 
     Returns:
         matrix: three rows of three f64x8, one row for each vertex.
-        determinant: f64x8.
-        sign: f64x8, 1 or -1: the factor that makes the weights positive.
+        sign: 1 or -1: the factor that makes the weights positive.
     """
     zero, one = vec.f64(0.0), vec.f64(1.0)
     if topology == TRIANGLES:
@@ -134,7 +132,7 @@ def weight_matrix(
 
 @inlined
 def _weights_at(matrix: tuple[F64x8x3, F64x8x3, F64x8x3], sign: F64x8, ray_x: F64x8, ray_y: F64x8) -> F64x8x3:
-    """Return the weights at the ray (ray_x, ray_y, 1), three f64x8; ``matrix`` and ``sign`` from ``weight_matrix``.
+    """Return the weights at the ray (ray_x, ray_y, 1); ``matrix`` and ``sign`` from ``weight_matrix``.
 
     Coverage is exact to 1/256 pixel, so that pixel centres may be a little outside of the triangle. Negative weights at
     the ends of a span become 0: nothing is extrapolated.
@@ -151,7 +149,7 @@ def _weights_at(matrix: tuple[F64x8x3, F64x8x3, F64x8x3], sign: F64x8, ray_x: F6
 def scaled_weights(
     matrix: tuple[F64x8x3, F64x8x3, F64x8x3], sign: F64x8, rays: Rays, step_count: F64x8, job: ShadingInputs
 ) -> tuple[Weights, F64x8]:
-    """Return the Weights, and the factor, f64x8, by which they are scaled.
+    """Return the Weights, and the factor by which they are scaled.
 
     Scaled to the sum 1 at the first pixel, the weights fit float32. Any positive factor is valid, since the sums of
     attributes are divided by the sum of the weights.

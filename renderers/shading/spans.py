@@ -48,7 +48,6 @@ def begin_rows(segment: Segment, job: ShadingInputs, width: I64, spans: Spans, p
     """Give a Segment its working memory for rows of at most ``width`` pixels; ``end_rows`` frees it.
 
     Args:
-        job: a ShadingInputs.
         spans, pixels: the segment's Spans and ShadedPixels.
     """
     max_spans = width + width // PART + 4 * vec.LANES
@@ -76,7 +75,7 @@ def find_spans(segment: Segment, y: I64, columns: I64, pixel_ids: Pointer[I32], 
 
     Args:
         columns: as in Segment. If it is not 0, each pixel is a span of its own.
-        pixel_ids: pointer to the primitive ids of ``width`` pixels, int32, NO_PRIMITIVE for none.
+        pixel_ids: pointer to the primitive ids of ``width`` pixels, NO_PRIMITIVE for none.
 
     Returns:
         Number of spans.

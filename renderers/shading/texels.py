@@ -67,11 +67,10 @@ def texture_view(texture: ShadingTexture, linear_from_byte: Pointer[F32]) -> Tex
 
 @inlined
 def level_size(size: I64, level: I32x8) -> I32x8:
-    """Return width or height of mip levels in texels, i32x8.
+    """Return width or height of mip levels in texels.
 
     Args:
-        size: int64, that of the first level.
-        level: i32x8.
+        size: that of the first level.
     """
     return vec.maximum(vec.i32(size) >> level, vec.i32(1))
 
@@ -100,7 +99,7 @@ def wrapped(coordinate: F32x8, wrap: I64) -> F32x8:
     since anything beyond a border reads the border.
 
     Args:
-        wrap: int64, WRAP_ constant of texture_table.
+        wrap: WRAP_ constant of texture_table.
     """
     zero, one = vec.f32(0.0), vec.f32(1.0)
     coordinate = vec.select(vec.absolute(coordinate) < vec.f32(_MAX_COORDINATE), coordinate, zero)
@@ -114,7 +113,7 @@ def wrapped(coordinate: F32x8, wrap: I64) -> F32x8:
 
 @inlined
 def _clamped(index: I32x8, size: I32x8) -> I32x8:
-    """Return texel indices, i32x8, clamped to 0 <= texel < size."""
+    """Return texel indices, clamped to 0 <= texel < size."""
     return vec.minimum(vec.maximum(index, vec.i32(0)), size - vec.i32(1))
 
 
@@ -123,13 +122,13 @@ def _texel_columns(s: F32x8, wrap: I64, width: I32x8, is_linear: Mask8) -> tuple
     """Return which column a pixel reads, together with the column after it in memory.
 
     Args:
-        s: f32x8, position in texels from the centre of column 0 (``is_linear``), else from its left border.
-        wrap: int64, WRAP_ constant of texture_table.
-        width: i32x8, of the mip level.
+        s: position in texels from the centre of column 0 (``is_linear``), else from its left border.
+        wrap: WRAP_ constant of texture_table.
+        width: of the mip level.
 
     Returns:
-        column: i32x8, 0 <= column < width.
-        weight: f32x8, of the column after it.
+        column: 0 <= column < width.
+        weight: of the column after it.
     """
     left, zero = vec.floor(s), vec.f32(0.0)
     column, weight = vec.to_i32(left), vec.select(is_linear, s - left, zero)
@@ -149,7 +148,7 @@ def _texel_columns(s: F32x8, wrap: I64, width: I32x8, is_linear: Mask8) -> tuple
 
 @inlined
 def _texel_rows(t: F32x8, wrap: I64, height: I32x8, is_linear: Mask8) -> tuple[I32x8, I32x8, F32x8]:
-    """Return which two rows a pixel reads, i32x8, 0 <= row < height, and the weight of the second, f32x8.
+    """Return which two rows a pixel reads, 0 <= row < height, and the weight of the second.
 
     Args:
         t, wrap, height, is_linear: as in ``_texel_columns``.
@@ -181,11 +180,10 @@ def locate(
     """Store which texels the pixels x .. x + 8 of a part read, and the weights of the right and the lower ones.
 
     Args:
-        view: a TextureView.
         offsets, weights: from ``texels_of_level``.
-        level: i32x8, mip levels.
+        level: mip levels.
         is_linear: m8; set: interpolate between the four nearest texels; else read the texel that contains (u, v).
-        u, v: f32x8, texture coordinates, ``wrapped``.
+        u, v: texture coordinates, ``wrapped``.
     """
     width, height = vec.i32(view.width), vec.i32(view.height)
     first_row, first_column = vec.i32(0), vec.i32(0)
@@ -207,10 +205,10 @@ def locate(
 
 @inlined
 def _bilinear(a: F32x8, b: F32x8, c: F32x8, d: F32x8, tx: F32x8, ty: F32x8) -> F32x8:
-    """Interpolate between four values, f32x8: a and b above c and d. The result is exact if all are equal.
+    """Interpolate between four values: a and b above c and d. The result is exact if all are equal.
 
     Args:
-        tx, ty: f32x8, weights of the right and of the lower values.
+        tx, ty: weights of the right and of the lower values.
     """
     upper, lower = a + tx * (b - a), c + tx * (d - c)
     return upper + ty * (lower - upper)
@@ -218,13 +216,13 @@ def _bilinear(a: F32x8, b: F32x8, c: F32x8, d: F32x8, tx: F32x8, ty: F32x8) -> F
 
 @inlined
 def _bytes(texel: I32x8, k: I64) -> I32x8:
-    """Return channel ``k`` of eight texels (i32x8), 0 .. 255, i32x8."""
+    """Return channel ``k`` of eight texels, 0 .. 255."""
     return (texel >> vec.i32(8 * k)) & vec.i32(255)
 
 
 @inlined
 def _unit_channel(a: I32x8, b: I32x8, c: I32x8, d: I32x8, tx: F32x8, ty: F32x8, k: I64) -> F32x8:
-    """Return channel ``k``, stored byte / 255, between four texels, i32x8 each."""
+    """Return channel ``k``, stored byte / 255, between four texels."""
     upper = vec.to_f32(_bytes(a, k)), vec.to_f32(_bytes(b, k))
     lower = vec.to_f32(_bytes(c, k)), vec.to_f32(_bytes(d, k))
     # Scaled after interpolation: one product in place of four.
@@ -235,7 +233,7 @@ def _unit_channel(a: I32x8, b: I32x8, c: I32x8, d: I32x8, tx: F32x8, ty: F32x8, 
 def _decoded_channel(
     linear_from_byte: Pointer[F32], a: I32x8, b: I32x8, c: I32x8, d: I32x8, tx: F32x8, ty: F32x8, k: I64
 ) -> F32x8:
-    """Return channel ``k``, decoded from sRGB to linear light, between four texels, i32x8 each."""
+    """Return channel ``k``, decoded from sRGB to linear light, between four texels."""
     upper = vec.gather(linear_from_byte, _bytes(a, k)), vec.gather(linear_from_byte, _bytes(b, k))
     lower = vec.gather(linear_from_byte, _bytes(c, k)), vec.gather(linear_from_byte, _bytes(d, k))
     return _bilinear(upper[0], upper[1], lower[0], lower[1], tx, ty)
@@ -243,7 +241,7 @@ def _decoded_channel(
 
 @inlined
 def read_texels(view: TextureView, offsets: Pointer[I32], weights: Pointer[F32], x: I64, alpha: bool) -> F32x8x4:
-    """Return RGBA, 0 .. 1, f32x8 each, of the pixels x .. x + 8 of a part from the texels that ``locate`` has stored.
+    """Return RGBA, 0 .. 1, of the pixels x .. x + 8 of a part from the texels that ``locate`` has stored.
 
     Args:
         view, offsets, weights: as in ``locate``.

@@ -50,7 +50,7 @@ def dot(a: tuple[Lanes, Lanes, Lanes], b: tuple[Lanes, Lanes, Lanes]) -> Lanes:
 
 @inlined
 def scale_to(v: F32x8x3, length: F32x8) -> F32x8:
-    """Return the factor that scales vectors (f32x8) to this length; 0 for vectors of length 0 and NaN."""
+    """Return the factor that scales vectors to this length; 0 for vectors of length 0 and NaN."""
     old_length, zero = vec.sqrt(dot(v, v)), vec.f32(0.0)
     return vec.select(old_length > zero, length / old_length, zero)
 
@@ -69,7 +69,7 @@ def to_f32x3(values: F64x8x3) -> F32x8x3:
 
 @inlined
 def transform_points(X: Pointer[F64], p: F32x8x8) -> F64x8x3:
-    """Return points (f32x8) transformed by a (4, 4) float64 matrix (a pointer), f64x8."""
+    """Return points transformed by a (4, 4) matrix."""
     x, y, z = vec.to_f64(p[0]), vec.to_f64(p[1]), vec.to_f64(p[2])
     return (
         vec.f64(X[0]) * x + vec.f64(X[1]) * y + vec.f64(X[2]) * z + vec.f64(X[3]),
@@ -80,7 +80,7 @@ def transform_points(X: Pointer[F64], p: F32x8x8) -> F64x8x3:
 
 @inlined
 def transform_directions(matrix: Pointer[Number], d: F32x8x3) -> F32x8x3:
-    """Return directions (f32x8) transformed by a (3, 3) matrix (a pointer), f32x8."""
+    """Return directions transformed by a (3, 3) matrix."""
     return (
         vec.f32(matrix[0]) * d[0] + vec.f32(matrix[1]) * d[1] + vec.f32(matrix[2]) * d[2],
         vec.f32(matrix[3]) * d[0] + vec.f32(matrix[4]) * d[1] + vec.f32(matrix[5]) * d[2],
@@ -90,7 +90,7 @@ def transform_directions(matrix: Pointer[Number], d: F32x8x3) -> F32x8x3:
 
 @inlined
 def broadcast3(values: Pointer[Number], k: I64) -> F32x8x3:
-    """Return the values k, k + 1 and k + 2 of an array of float32 (a pointer), each in all lanes."""
+    """Return the values k, k + 1 and k + 2 of an array of float32, each in all lanes."""
     return vec.f32(values[k]), vec.f32(values[k + 1]), vec.f32(values[k + 2])
 
 

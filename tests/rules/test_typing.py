@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import ast
+import re
 from collections.abc import Iterator
 from pathlib import Path
 
 ROOT = Path(__file__).parents[2]
 COMPILED = {"kernel", "device_function", "inlined"}
 WANTED_SHARE = 0.98
+IMPORT_LIBRARIES = {"numba_typing.py", "device_function.py", "cache_locator.py", "cache_folder.py"}
+"""Files of ``renderers/compiler`` that import Numba or llvmlite; no others do."""
 
 
 def compiled_functions() -> Iterator[ast.FunctionDef]:
@@ -37,6 +40,13 @@ def test_parameters_of_kernels_are_annotated() -> None:
 
 def test_results_of_kernels_are_annotated() -> None:
     assert [function.name for function in compiled_functions() if function.returns is None] == []
+
+
+def test_few_files_import_the_compiler_s_libraries() -> None:
+    importing = re.compile(r"^\s*(?:from|import) (?:numba|llvmlite)\b", re.MULTILINE)
+    paths = [path for package in ("renderers", "gateway") for path in (ROOT / package).rglob("*.py")]
+    found = {path for path in paths if importing.search(path.read_text())}
+    assert found == {ROOT / "renderers" / "compiler" / name for name in IMPORT_LIBRARIES}
 
 
 if __name__ == "__main__":

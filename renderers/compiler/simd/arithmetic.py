@@ -5,9 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
-from llvmlite import ir
-from numba import types
-
+from renderers.compiler.numba_typing import ir, types
 from renderers.compiler.simd.vectors import (
     I1,
     I8,

@@ -9,10 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any, Final
 
-from llvmlite import ir
-from numba import types
-
-from renderers.compiler.numba_typing import intrinsic
+from renderers.compiler.numba_typing import intrinsic, ir, types
 from renderers.compiler.simd.load_store import vector_address, vector_behind
 from renderers.compiler.simd.vectors import (
     F32,

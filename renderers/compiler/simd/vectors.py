@@ -7,11 +7,8 @@ from collections.abc import Callable
 from typing import TYPE_CHECKING, Any, ClassVar, Final, Self, TypeVar
 
 import numpy as np
-from llvmlite import ir
-from numba import types
-from numba.extending import models, register_model
 
-from renderers.compiler.numba_typing import define_operator, intrinsic
+from renderers.compiler.numba_typing import define_operator, extending, intrinsic, ir, types
 
 LANES: Final = 8
 
@@ -112,10 +109,10 @@ Lanes = TypeVar("Lanes", F32x8, F64x8, I32x8)
 _Float = float | np.floating[Any]
 
 
-@register_model(Vector)
-class _VectorModel(models.PrimitiveModel):
+@extending.register_model(Vector)
+class _VectorModel(extending.models.PrimitiveModel):  # type: ignore[misc]  # without stubs
     def __init__(self, manager: Any, numba_type: Vector) -> None:
-        super().__init__(manager, numba_type, numba_type.llvm)  # type: ignore[no-untyped-call]  # llvmlite's
+        super().__init__(manager, numba_type, numba_type.llvm)
 
 
 _FLOAT_INSTRUCTIONS: Final[dict[Any, str]] = {

@@ -68,7 +68,7 @@ def _draw_span(
     base_x: I64,
     base_y: I64,
 ) -> None:
-    """Draw a row in which every sample has its own columns, ``start .. stop`` (i32x8); ``count`` is 1."""
+    """Draw a row in which every sample has its own columns, ``start .. stop``; ``count`` is 1."""
     is_covered = start < stop
     start = vec.select(is_covered, start, vec.i32(_NO_COLUMN))
     stop = vec.select(is_covered, stop, vec.i32(-_NO_COLUMN))

@@ -39,7 +39,6 @@ def share_smooth_edge(frame: RasterFrame, a: I64, b: I64, cache: InstanceCache) 
 
     Args:
         a, b: primitive ids.
-        cache: a InstanceCache.
     """
     if a < cache.first_id or a >= cache.end_id:
         _load_instance(frame, a, cache)

@@ -48,11 +48,6 @@ def _group_samples(
 ) -> tuple[I64, I64]:
     """Fill a _SampleGroups with the primitives that a pixel's samples see, in the order of the samples.
 
-    Args:
-        sample_ids: i32x8.
-        groups: a _SampleGroups.
-        cache: a InstanceCache.
-
     Returns:
         Number of primitives, and of samples that see nothing; int64.
     """
@@ -106,9 +101,7 @@ def _mix_pixel(
     """Append the entries of a pixel whose samples see any number of primitives.
 
     Args:
-        sample_ids: i32x8.
         groups: a _SampleGroups of scratch.
-        cache: a InstanceCache.
 
     Returns:
         The primitive id that is shaded for the pixel, the number of samples that it has, and of those that see nothing.
@@ -159,7 +152,7 @@ def _find_mixed(frame: RasterFrame, owners: Pointer[I32], ids: Pointer[I32], col
     """Write the columns of a row's MIXED pixels, and -1 to the ids of its other pixels without an owner.
 
     Args:
-        owners, ids: pointers to the row's, int32.
+        owners, ids: pointers to the row's.
         columns: pointer to stride + 8 int32.
 
     Returns:
@@ -209,7 +202,7 @@ def _mix_colors(
         band: a SampleBand with shaded entries, in rows of ``color_stride`` colours.
         width: pixels of a row of the image.
         background: red, green, blue, lowest byte first.
-        color: pointer to (H, W, 3) uint8, which has the colours of the band's ids.
+        color: (H, W, 3), which has the colours of the band's ids.
     """
     room = band.max_entries
     heap = allocate(12 * width)

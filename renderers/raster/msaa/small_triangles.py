@@ -54,8 +54,8 @@ def _limit_rows(edge: I64, edge_dx: I64, edge_dy: I64, columns: I32x8, min_row: 
 
     Args:
         edge, edge_dx, edge_dy: the edge function in row 0, grid units, and its changes per column and row.
-        columns: i32x8, the first column of each block column.
-        min_row, max_row: f32x8: the rows before the edge limits them.
+        columns: the first column of each block column.
+        min_row, max_row: the rows before the edge limits them.
     """
     # An edge function is greatest in a block's first or last column.
     block_max = vec.i32(edge + max(7 * edge_dx, 0)) + columns * vec.i32(edge_dx)
@@ -76,7 +76,6 @@ def _is_hidden(far: Pointer[F32], stride: I64, left: I64, right: I64, top: I64, 
         far: pointer to SampleBand.far.
         left, right: range of the box's columns.
         top, bottom: range of its rows, counted from the band's first.
-        inv_z_max: float32.
     """
     limit, lane = vec.f32(inv_z_max), vec.iota()
     # The middle first: most visible triangles are visible there.
@@ -160,11 +159,9 @@ def _limit_block_rows(edges: SampleEdges, columns: I32x8, rows: I64, is_wide: bo
     Half of the box of a wide triangle lies outside it. Other triangles have all rows.
 
     Args:
-        edges: SampleEdges.
-        columns: i32x8, the first column of each block column, counted from the box's first.
+        columns: the first column of each block column, counted from the box's first.
         rows: number of rows.
         is_wide: whether the triangle is wide.
-        scratch: a SampleScratch.
     """
     min_row, max_row = vec.f32(0.0), vec.f32(rows - 1)
     if is_wide:
@@ -196,10 +193,8 @@ def _draw_block(
         top: first row that is drawn, to which ``edges.top`` belongs.
         start: first column of the block, which is a vector wide.
         owner: index in RasterFrame.primitives.
-        edges: SampleEdges.
-        max_offset: f32x8, as from ``max_inv_z_offset``.
+        max_offset: as from ``max_inv_z_offset``.
         block: index in ``first_rows`` and ``last_rows``.
-        scratch: a SampleScratch.
         count: number of edge pixels before.
 
     Returns:
@@ -245,9 +240,7 @@ def _load_edge_pixels(
     """Store what belongs to eight edge pixels in the ``batch_`` fields of a SampleScratch.
 
     Args:
-        edges: SampleEdges.
         batch: index of the first edge pixel.
-        scratch: the SampleScratch.
     """
     box_x, box_y, _, _ = box_of(triangle)
     rows, columns = _rows_and_columns(vec.load(scratch.edge_pixels, batch))
@@ -270,7 +263,7 @@ def _draw_edge_pixels(
     count: I64,
     scratch: SampleScratch,
 ) -> None:
-    """Draw the samples of the first ``count`` edge pixels in ``scratch``, a SampleScratch; ``edges``: SampleEdges."""
+    """Draw the samples of the first ``count`` edge pixels in ``scratch``, a SampleScratch."""
     inv_z_min, inv_z_max = vec.f32(triangle.inv_z_min), vec.f32(triangle.inv_z_max)
     inv_z_offsets = sample_inv_z_offsets(frame, triangle.inv_z_dx, triangle.inv_z_dy)
     edge_sum = vec.i32(edges.first[0] + edges.first[1] + edges.first[2])  # the same at all points
@@ -299,7 +292,6 @@ def draw_small_samples(
 
     Args:
         owner: index in RasterFrame.primitives.
-        scratch: a SampleScratch.
     """
     box_x, box_y, box_columns, box_rows = box_of(triangle)
     top, bottom = max(box_y, first_row), min(box_y + box_rows, end_row)

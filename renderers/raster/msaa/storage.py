@@ -26,7 +26,7 @@ AnyPrimitive = TypeVar("AnyPrimitive", Primitive, SmallTriangle)
 
 @inlined
 def sample_inv_z_offsets(frame: RasterFrame, inv_z_dx: F64, inv_z_dy: F64) -> F32x8:
-    """Return 1/z at the samples minus 1/z at the pixel's centre, f32x8.
+    """Return 1/z at the samples minus 1/z at the pixel's centre.
 
     Args:
         inv_z_dx, inv_z_dy: change of 1/z per column and row, 1/m; of any float type.
@@ -38,7 +38,7 @@ def sample_inv_z_offsets(frame: RasterFrame, inv_z_dx: F64, inv_z_dy: F64) -> F3
 
 @inlined
 def max_inv_z_offset(frame: RasterFrame, inv_z_dx: F64, inv_z_dy: F64) -> F32:
-    """Return an upper limit of the absolute values of ``sample_inv_z_offsets``, float32; infinite if not finite.
+    """Return an upper limit of the absolute values of ``sample_inv_z_offsets``; infinite if not finite.
 
     Args:
         inv_z_dx, inv_z_dy: as there.
@@ -65,13 +65,11 @@ def merge_whole_pixels(
     It takes pixels that it covers wholly and in front of everything. Pixels in which it is hidden are skipped.
 
     Args:
-        band: a SampleBand.
         pixel: index of the first pixel in the band.
-        inv_z: f32x8: 1/z at the centres before it is clamped to the primitive's range.
-        max_offset: f32x8: as from ``max_inv_z_offset``.
-        primitive: a Primitive or SmallTriangle.
+        inv_z: 1/z at the centres before it is clamped to the primitive's range.
+        max_offset: as from ``max_inv_z_offset``.
         owner: index of the primitive in RasterFrame.primitives.
-        full, touched: m8: pixels of which all samples are covered, and some may be.
+        full, touched: pixels of which all samples are covered, and some may be.
 
     Returns:
         Mask of the pixels whose samples must be tested.
@@ -138,12 +136,7 @@ def _open_slot(frame: RasterFrame, band: SampleBand, slot_count: I64, pixel: I64
 
 @inlined
 def _depth_test(inv_z: F32x8, old_inv_z: F32x8, ids: I32x8, old_ids: I32x8) -> Mask8:
-    """Return m8: samples at which a primitive is seen instead of the old one. Empty samples have the id -1.
-
-    Args:
-        inv_z, old_inv_z: f32x8.
-        ids, old_ids: i32x8.
-    """
+    """Return the samples at which a primitive is seen instead of the old one. Empty samples have the id -1."""
     return (inv_z > old_inv_z) | ((inv_z == old_inv_z) & (ids > old_ids))
 
 
@@ -158,7 +151,7 @@ def merge_samples(
     Args:
         slot_count: number of slots in use.
         pixel: index of the pixel in the band.
-        inv_z, covered, ids: f32x8, m8, i32x8: of its samples.
+        inv_z, covered, ids: of its samples.
 
     Returns:
         The new ``slot_count``.

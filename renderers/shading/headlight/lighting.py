@@ -30,7 +30,7 @@ _colors = stack_array(I32, vec.LANES)
 
 @inlined
 def _base_color(material: ShadingMaterial, pixels: ShadedPixels, has_rows: bool, x: I64) -> F32x8x3:
-    """Return the base colour of eight pixels, three f32x8.
+    """Return the base colour of eight pixels.
 
     Args:
         has_rows: True if the rows ``base_color`` are filled, False if all pixels have the material's factor.
@@ -57,7 +57,6 @@ def _store_pixels(
         gamma: True: encode linear colours.
         direct: True: store packed pixels in ``packed_row`` instead.
         begin: index in the row of the part's first pixel.
-        rgb: three f32x8.
     """
     if direct:
         write_pixels(job, gamma, packed_row, begin + x, rgb[0], rgb[1], rgb[2])

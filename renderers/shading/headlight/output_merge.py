@@ -22,7 +22,7 @@ from renderers.shading.vec3 import load3, saturate
 
 @inlined
 def packed(r: F32x8, g: F32x8, b: F32x8) -> I32x8:
-    """Return eight colours in 0 .. 1 (f32x8 each) as packed pixels (i32x8), red in the lowest byte."""
+    """Return eight colours in 0 .. 1 as packed pixels, red in the lowest byte."""
     return byte_from_unit(r) | (byte_from_unit(g) << vec.i32(8)) | (byte_from_unit(b) << vec.i32(16))
 
 
@@ -39,7 +39,7 @@ def write_pixels(
 
 @inlined
 def _encoded(job: HeadlightInputs, gamma: bool, c: F32x8) -> F32x8:
-    """Return the value, 0 .. 1, f32x8, that ``write_pixels`` would round to a byte."""
+    """Return the value, 0 .. 1, that ``write_pixels`` would round to a byte."""
     if gamma:
         return encode_gamma(c, job.gamma_from_linear)
     return saturate(c)
@@ -82,7 +82,7 @@ def gather(job: HeadlightInputs, segment: Segment, begin: I64, end: I64) -> None
 
 @inlined
 def _beneath(gathered: Pointer[F32], channel_size: I64, x: I64, r: F32x8, g: F32x8, b: F32x8) -> I32x8:
-    """Return packed pixels of colours (f32x8 each), blended behind the gathered layers."""
+    """Return packed pixels of colours, blended behind the gathered layers."""
     transmittance = vec.load(gathered, 3 * channel_size + x)
     return packed(
         vec.load(gathered, x) + transmittance * r,
@@ -104,7 +104,7 @@ def write_under(job: HeadlightInputs, segment: Segment, begin: I64, end: I64, pa
 
 @inlined
 def _background_channel(background: I64, k: I64) -> F32x8:
-    """Return one channel of the background, 0 .. 1, f32x8."""
+    """Return one channel of the background, 0 .. 1."""
     return vec.f32(f32((background >> (8 * k)) & 255) / f32(255.0))
 
 

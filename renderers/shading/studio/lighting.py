@@ -18,12 +18,7 @@ from renderers.shading.vec3 import broadcast3, dot, load3, minus, saturate, stor
 
 @device_function
 def light_surfaces(lighting: StudioLighting, surfaces: StudioSurfaces, count: I64) -> None:
-    """Fill the rows ``to_camera`` and ``color`` of the first ``count`` surfaces.
-
-    Args:
-        lighting: a StudioLighting.
-        surfaces: a StudioSurfaces.
-    """
+    """Fill the rows ``to_camera`` and ``color`` of the first ``count`` surfaces."""
     zero = vec.f32(0.0)
     for x in range(0, count, vec.LANES):
         store3(surfaces.color, x, STRIDE, (zero, zero, zero))
@@ -123,8 +118,8 @@ def _sample_environment(lighting: StudioLighting, table: I32x8, direction: F32x8
     """Sample octahedral tables bilinearly at directions of the world. Return RGB.
 
     Args:
-        table: i32x8, index of the table for each lane: a level of ``Environment``, or LEVELS for the irradiance.
-        direction: three f32x8, of any length.
+        table: index of the table for each lane: a level of ``Environment``, or LEVELS for the irradiance.
+        direction: of any length.
     """
     tables = lighting.environment_tables
     two, four = vec.i32(2), vec.i32(4)

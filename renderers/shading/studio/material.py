@@ -28,7 +28,6 @@ def fill_surfaces(segment: Segment, fill: I64, count: I64, surfaces: StudioSurfa
 
     Args:
         fill: ``COLOR``, ``COLOR_AND_ALPHA`` or ``ALPHA``.
-        surfaces: a StudioSurfaces.
         first: index of the first pixel's surface.
 
     Returns:

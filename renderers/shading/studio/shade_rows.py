@@ -205,7 +205,7 @@ def _scale_mixed_pixels(accumulated: Pointer[F32], channel_size: I64, mixed: Poi
     """Scale the mixed pixels of a row by the share of the samples that see the pixel's main surface.
 
     Args:
-        mixed: pointer to ``count`` values of the field ``mixed`` of ``msaa.SampleBand``.
+        mixed: ``count`` values of the field ``mixed`` of ``msaa.SampleBand``.
     """
     for k in range(count):
         value = i64(mixed[k])

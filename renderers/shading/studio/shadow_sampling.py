@@ -104,12 +104,11 @@ def _is_within(u: F64x8, v: F64x8, radius: I64, side: I64) -> Mask8:
 
 @inlined
 def unshadowed_share(shadow_map: StudioShadowMap, radius: I64, point: F32x8x3, normal: F32x8x3) -> F32x8:
-    """Return the share of a light that reaches points, f32x8, 0 .. 1; 1 outside of the map.
+    """Return the share of a light that reaches points, 0 .. 1; 1 outside of the map.
 
     Args:
-        shadow_map: a StudioShadowMap.
         radius: radius of the filter, texels. The filter takes (2 radius + 1)^2 bilinear samples.
-        point: points in the camera's frame, three f32x8.
+        point: points in the camera's frame.
         normal: unit normals of their triangles, towards the light, in the camera's frame.
     """
     X_light_camera = shadow_map.X_light_camera

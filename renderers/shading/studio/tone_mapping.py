@@ -92,7 +92,7 @@ def _saturate3(r: F32x8, g: F32x8, b: F32x8) -> F32x8x3:
 
 @inlined
 def tone_map(tone: I64, r: F32x8, g: F32x8, b: F32x8) -> F32x8x3:
-    """Apply the tone curve ``TONES[tone]`` to linear colours (f32x8 each)."""
+    """Apply the tone curve ``TONES[tone]`` to linear colours."""
     if tone == 0:
         return _neutral(r, g, b)
     if tone == 1:
@@ -108,8 +108,7 @@ def write_image_row(
 
     Args:
         accumulated: pointer to an accumulated row, see ``shade_rows``.
-        output: an StudioOutput.
-        packed_row: pointer to working memory for channel_values(width) int32.
+        packed_row: pointer to working memory for channel_values(width).
     """
     channel_size = channel_values_in_kernel(width)
     zero, one, min_share = vec.f32(0.0), vec.f32(1.0), vec.f32(1e-6)

@@ -70,7 +70,7 @@ def _true_disparity(
     max_depth: F32,
     disparity: Array2[np.float32],
 ) -> None:
-    """Write the disparity of every pixel to ``disparity``, (H, W) float32; see ``true_disparity``."""
+    """Write the disparity of every pixel to ``disparity``, (H, W); see ``true_disparity``."""
     height, width = depth_left.shape
     for row in range(height):
         for column in range(width):

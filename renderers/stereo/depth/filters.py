@@ -239,11 +239,11 @@ def _measure_holes(
     """Write the size of every hole, pixels, and the range of the disparities on its border, units of 1/16 pixel.
 
     Args:
-        runs: (N, 4) int32, ``_connected_runs``.
-        disparity: (H, W) uint16, units of 1/16 pixel, 0: hole.
-        size: (N,) int32, output by first run, initially 0.
-        lowest: (N,) int32, output, initially above all disparities.
-        highest: (N,) int32, output, initially -1.
+        runs: (N, 4), ``_connected_runs``.
+        disparity: (H, W), units of 1/16 pixel, 0: hole.
+        size: (N,), output by first run, initially 0.
+        lowest: (N,), output, initially above all disparities.
+        highest: (N,), output, initially -1.
     """
     height, width = disparity.shape
     for run in range(len(runs)):

@@ -192,12 +192,12 @@ def _gradients(
     """Write the differences of each pixel's right and left neighbours, 0 in the first and the last column.
 
     Args:
-        left: (H, W) uint16, units of 1/16 level.
+        left: (H, W), units of 1/16 level.
         even_limit: limit of ``even``.
-        gradient: (H, W) int16, output, units of 1/16 level.
-        size: (H, W) int16, output, absolute value.
-        squared: (H, W) int32, output, square, at most ``_MAX_SQUARE``.
-        even: (H, W) int32, output, square, at most ``even_limit``.
+        gradient: (H, W), output, units of 1/16 level.
+        size: (H, W), output, absolute value.
+        squared: (H, W), output, square, at most ``_MAX_SQUARE``.
+        even: (H, W), output, square, at most ``even_limit``.
     """
     height, width = left.shape
     for row in range(height):
@@ -217,10 +217,10 @@ def _compare(
     """Write the squared differences of both images at each match and beside it.
 
     Args:
-        left: (H, W) uint16, ``without_local_mean``, units of 1/16 level.
-        right: (H, W) uint16, likewise.
-        disparity: (H, W) uint16, units of 1/16 pixel, 0: no match.
-        differences: (3, H, W) int32, output: at the match, and at ``_STEP`` pixels less and more; 0 where there is no
+        left: (H, W), ``without_local_mean``, units of 1/16 level.
+        right: (H, W), likewise.
+        disparity: (H, W), units of 1/16 pixel, 0: no match.
+        differences: (3, H, W), output: at the match, and at ``_STEP`` pixels less and more; 0 where there is no
             match.
     """
     height, width = left.shape
@@ -298,9 +298,9 @@ def _write_error(
     """Write the error of each match, 0 elsewhere, by the features and disparities of ``error_and_confidence``.
 
     Args:
-        borders: (3, 5) float32, borders between the bins.
-        errors: (6, 6, 6) uint8, error by the three bins.
-        error: (H, W) uint8, output.
+        borders: (3, 5), borders between the bins.
+        errors: (6, 6, 6), error by the three bins.
+        error: (H, W), output.
     """
     height, width = disparity.shape
     for row in range(height):
@@ -326,11 +326,11 @@ def _write_confidence(
     """Write the confidence of each match, 0 elsewhere, by the features and disparities of ``error_and_confidence``.
 
     Args:
-        tree_features: (T, ``TREE_DEPTH``) int64, ``Tables.features``.
-        tree_borders: (T, ``TREE_DEPTH``) float32, ``Tables.borders``.
-        weights: (T, 2 ** ``TREE_DEPTH``) int32, ``Tables.weights``.
-        confidences: (2 ``_MAX_SUM`` + 1,) uint8, confidence of each sum of weights.
-        confidence: (H, W) uint8, output.
+        tree_features: (T, ``TREE_DEPTH``), ``Tables.features``.
+        tree_borders: (T, ``TREE_DEPTH``), ``Tables.borders``.
+        weights: (T, 2 ** ``TREE_DEPTH``), ``Tables.weights``.
+        confidences: (2 ``_MAX_SUM`` + 1,), confidence of each sum of weights.
+        confidence: (H, W), output.
     """
     height, width = disparity.shape
     total, leaf = np.empty(width, np.int32), np.empty(width, np.int32)

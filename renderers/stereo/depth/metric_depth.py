@@ -59,11 +59,11 @@ def _splat(
     """Write the nearest depth at every pixel of the colour camera.
 
     Args:
-        depth: (h, w) uint16, millimetres, 0: invalid.
-        matrix: (3, 3) float64; its product with (column, row, 1) times depth, plus ``offset``, are homogeneous pixel
+        depth: (h, w), millimetres, 0: invalid.
+        matrix: (3, 3); its product with (column, row, 1) times depth, plus ``offset``, are homogeneous pixel
             coordinates in the colour camera, of which the last is the depth there, millimetres.
-        offset: (3,) float64, millimetres.
-        aligned: (H, W) uint16, output, initially 0.
+        offset: (3,), millimetres.
+        aligned: (H, W), output, initially 0.
     """
     height, width = aligned.shape
     for row in range(depth.shape[0]):

@@ -104,8 +104,8 @@ def _residual_shift(
 
     Args:
         prior: weight of a shift of 0 per pixel of the window, squared units of the gradient.
-        weights: (``PHASES``, 4) int32, ``_interpolation_weights``.
-        shift: (H, W) float32, output, pixels.
+        weights: (``PHASES``, 4), ``_interpolation_weights``.
+        shift: (H, W), output, pixels.
     """
     height, width = left.shape
     window = 2 * radius + 1
@@ -136,8 +136,8 @@ def _replace_row(
     """Replace the oldest row of the ring by a row of the images, or by 0 below them.
 
     Args:
-        ring: (2 ``radius`` + 1, 3, W + 2 ``radius``) int32, products, squares and counts of the last rows.
-        sums: (3, W + 2 ``radius``) int32, their sums down each column.
+        ring: (2 ``radius`` + 1, 3, W + 2 ``radius``), products, squares and counts of the last rows.
+        sums: (3, W + 2 ``radius``), their sums down each column.
     """
     oldest = ring[row % len(ring)]
     product, square, count = oldest[0], oldest[1], oldest[2]
@@ -167,12 +167,12 @@ def _write_row(
     """Write the shift of the pixels of one row from the sums down the columns of their windows.
 
     Args:
-        disparity: (W,) float32, pixels, 0: unknown.
+        disparity: (W,), pixels, 0: unknown.
         prior: weight of a shift of 0 per pixel of the window, squared units of the gradient.
         window: side of a window, pixels.
-        sums: (3, W + ``window`` - 1) int32: gradient times difference, squared gradient, pixels with a known disparity.
-        window_sums: (3, W) int32, working memory: the sums over windows.
-        shift: (W,) float32, output, pixels.
+        sums: (3, W + ``window`` - 1): gradient times difference, squared gradient, pixels with a known disparity.
+        window_sums: (3, W), working memory: the sums over windows.
+        shift: (W,), output, pixels.
     """
     product_sums, square_sums, count_sums = sums[0], sums[1], sums[2]
     products, squares, counts = window_sums[0], window_sums[1], window_sums[2]
@@ -212,14 +212,14 @@ def _multiply_rows(
     """Write the products of gradient and difference of one row, with ``radius`` columns of padding.
 
     Args:
-        left: (W,) uint16, units of 1/16 level.
-        right: (W,) uint16, likewise.
-        disparity: (W,) float32, pixels, 0: unknown.
+        left: (W,), units of 1/16 level.
+        right: (W,), likewise.
+        disparity: (W,), pixels, 0: unknown.
         radius: columns of padding on each side.
-        weights: (``PHASES``, 4) int32, ``_interpolation_weights``.
-        product: (W + 2 ``radius``,) int32, output, gradient times difference.
-        square: (W + 2 ``radius``,) int32, output, squared gradient.
-        count: (W + 2 ``radius``,) int32, output, 1 where the disparity is known.
+        weights: (``PHASES``, 4), ``_interpolation_weights``.
+        product: (W + 2 ``radius``,), output, gradient times difference.
+        square: (W + 2 ``radius``,), output, squared gradient.
+        count: (W + 2 ``radius``,), output, 1 where the disparity is known.
     """
     last = len(left) - 1
     for column in range(len(left)):

@@ -77,9 +77,9 @@ def add_light(image: Array3[np.uint8], light_of_level: Array1[np.uint32], sums: 
     """Add the light of an image to sums of light.
 
     Args:
-        image: (h, w, 3) uint8.
-        light_of_level: (256,) uint32, ``_light_tables``.
-        sums: (h, w, 3) uint32, changed.
+        image: (h, w, 3).
+        light_of_level: (256,), ``_light_tables``.
+        sums: (h, w, 3), changed.
     """
     height, width = image.shape[:2]
     for row in range(height):
@@ -101,13 +101,13 @@ def write_mean(
     """Write the mean light of a rectangle of an image and of other images.
 
     Args:
-        sums: (h, w, 3) uint32, sums of the light of ``count`` - 1 images.
+        sums: (h, w, 3), sums of the light of ``count`` - 1 images.
         count: number of images, ``image`` included.
-        light_of_level: (256,) uint32, ``_light_tables``.
-        level_of_light: (65536,) uint8, ``_light_tables``.
+        light_of_level: (256,), ``_light_tables``.
+        level_of_light: (65536,), ``_light_tables``.
         first_row: upper row of the rectangle.
         first_column: left column of the rectangle.
-        image: (H, W, 3) uint8, changed.
+        image: (H, W, 3), changed.
     """
     height, width = sums.shape[:2]
     divisor, half = u32(count), u32(count // 2)

@@ -100,9 +100,9 @@ def _lit_share(shadow_depth: Array2[np.float32], u: F32, v: F32, z: F32) -> F32:
     """Return the share of a light that reaches a point, from four texels with bilinear weights; 1 outside of the map.
 
     Args:
-        shadow_depth: (S, S) float32, metres, +inf: nothing.
-        u, v: position in the map, texels, float32.
-        z: depth of the point, metres, float32.
+        shadow_depth: (S, S), metres, +inf: nothing.
+        u, v: position in the map, texels.
+        z: depth of the point, metres.
     """
     last = f32(shadow_depth.shape[0] - 1)
     one = f32(1.0)
@@ -170,13 +170,13 @@ def _write_factors(
     """Write ``light_factors`` to ``factors``.
 
     Args:
-        intrinsics: (4,) float64: fx, fy, cx, cy of the camera, pixels.
-        X_light_camera: (3, 4) float64, from the camera's frame to the light's.
-        shadow_map: (3,) float64: focal length and principal point, texels; offset of a point along its normal, metres
+        intrinsics: (4,): fx, fy, cx, cy of the camera, pixels.
+        X_light_camera: (3, 4), from the camera's frame to the light's.
+        shadow_map: (3,): focal length and principal point, texels; offset of a point along its normal, metres
             per metre of distance from the light.
-        to_light: (3,) float64, unit vector to the light in the camera's frame.
-        up: (3,) float64, the world's z axis in the camera's frame.
-        light_levels: (3,) float64: ``KEY_LIGHT``, ``SKY_LIGHT`` and ``GROUND_LIGHT``.
+        to_light: (3,), unit vector to the light in the camera's frame.
+        up: (3,), the world's z axis in the camera's frame.
+        light_levels: (3,): ``KEY_LIGHT``, ``SKY_LIGHT`` and ``GROUND_LIGHT``.
     """
     height, width = depth.shape
     inv_fx, inv_fy, cx, cy = 1.0 / intrinsics[0], 1.0 / intrinsics[1], intrinsics[2], intrinsics[3]

@@ -86,13 +86,13 @@ def _add_dots(
     in the pattern. The point is lit unless a nearer surface is there.
 
     Args:
-        k: (4,) float64, fx, fy, cx, cy of the camera.
-        X_projector_camera: (3, 4) float64.
-        projector_k: (4,) float64, likewise of the projector.
-        pattern: (N, N) uint8; N is a power of two.
+        k: (4,), fx, fy, cx, cy of the camera.
+        X_projector_camera: (3, 4).
+        projector_k: (4,), likewise of the projector.
+        pattern: (N, N); N is a power of two.
         cells_per_pixel: cells of the pattern per pixel of the projector's image.
-        ids: (H, W) int32, instance at every pixel.
-        shares: (I,) float32, share of the light that each instance returns.
+        ids: (H, W), instance at every pixel.
+        shares: (I,), share of the light that each instance returns.
     """
     height, width = depth.shape
     rows, columns = projector_depth.shape
@@ -142,7 +142,7 @@ def _relative_cosine(normal: Array1[np.float32], to_x: F64, to_y: F64, to_z: F64
     """Return the cosine of the projector's light on a surface, divided by that of the headlight.
 
     Args:
-        normal: (3,) float32, unit normal in the camera's frame; 0: unlit, for which the result is 1.
+        normal: (3,), unit normal in the camera's frame; 0: unlit, for which the result is 1.
         to_x: vector from the surface to the projector in the camera's frame, metres.
         to_y: likewise.
         to_z: likewise.

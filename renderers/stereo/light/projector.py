@@ -156,7 +156,7 @@ def _metal_means(image: Image) -> tuple[float, float]:
 
 @device_function
 def _interpolate_rows(upper: Array1[np.uint8], lower: Array1[np.uint8], fraction: F32, row: Array1[np.float32]) -> None:
-    """Write the values between two rows of the pattern to ``row``, (N + 1,) float32, the first cell repeated."""
+    """Write the values between two rows of the pattern to ``row``, (N + 1,), the first cell repeated."""
     for i in range(len(upper)):
         row[i] = f32(upper[i]) * (f32(1.0) - fraction) + f32(lower[i]) * fraction
     row[len(upper)] = row[0]
@@ -180,12 +180,12 @@ def _project(
     Arguments that are not listed are those of ``projected_dots``.
 
     Args:
-        pattern: (N, N) uint8, one level of the pattern; N is a power of two.
+        pattern: (N, N), one level of the pattern; N is a power of two.
         cells_per_pixel: cells of this level per pixel of the image.
         focal_times_offset: focal length times the camera's x in the projector's frame, pixels times metres.
-        ids: (H, W) int32, instance at every pixel, or (1, 1).
-        shares: (I,) float32, share of the light that each instance returns; not used with ids of (1, 1).
-        light: (H, W) uint16, output.
+        ids: (H, W), instance at every pixel, or (1, 1).
+        shares: (I,), share of the light that each instance returns; not used with ids of (1, 1).
+        light: (H, W), output.
     """
     height, width = depth.shape
     period = pattern.shape[0]

@@ -24,12 +24,12 @@ def bin_points(
     the plane, because the disparity of a plane is affine in the pixel position.
 
     Args:
-        disparity: (H, W) uint16.
+        disparity: (H, W).
         bin_size: side of a bin, pixels.
         nearest: take the nearest pixel instead of the mean.
-        bin_disparity: (rows, columns) float32, output.
-        bin_u: (rows, columns) float32, output, pixels from the left edge.
-        bin_v: (rows, columns) float32, output, pixels from the top edge.
+        bin_disparity: (rows, columns), output.
+        bin_u: (rows, columns), output, pixels from the left edge.
+        bin_v: (rows, columns), output, pixels from the top edge.
     """
     height, width = disparity.shape
     rows, columns = bin_disparity.shape
@@ -60,7 +60,7 @@ def bin_points(
 
 @kernel
 def fill_empty_bins(bin_disparity: Array2[np.float32]) -> None:
-    """Fill every empty bin of ``bin_disparity``, (rows, columns) float32.
+    """Fill every empty bin of ``bin_disparity``, (rows, columns).
 
     An empty bin gets the farther of the next filled bins to its left and right, because the background continues behind
     the edge of an object. An empty row repeats the last filled row above it, or the first filled row if none is above.
@@ -117,16 +117,16 @@ def make_points(
     The manual's formula: P = ((u - cx) t / d, (v - cy) t / d, f t / d), with focal length f and baseline t.
 
     Args:
-        bin_disparity: (rows, columns) float32, the d of the formula.
-        bin_u: (rows, columns) float32, pixels from the left edge.
-        bin_v: (rows, columns) float32, pixels from the top edge.
+        bin_disparity: (rows, columns), the d of the formula.
+        bin_u: (rows, columns), pixels from the left edge.
+        bin_v: (rows, columns), pixels from the top edge.
         focal_length: pixels.
         cx: principal point, pixels from the left edge.
         cy: principal point, pixels from the top edge.
         baseline_units: baseline times the disparity units per pixel, metres.
         footprint_units: footprint of a point times its disparity, metres.
-        vertex_index: (rows, columns) int32, output.
-        points: (N, 4) float32, output: x, y, z and footprint, metres.
+        vertex_index: (rows, columns), output.
+        points: (N, 4), output: x, y, z and footprint, metres.
     """
     count = 0
     for row in range(bin_disparity.shape[0]):

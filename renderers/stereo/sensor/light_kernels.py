@@ -20,9 +20,9 @@ def _mix_channels(rendered: Array2[np.uint8], light_of_level: Array2[np.float32]
     """Write one channel of a row's light.
 
     Args:
-        rendered: (W, 3) uint8 RGB.
-        light_of_level: (3, 256) float32.
-        scene: (W + 2,) float32, output between its ends.
+        rendered: (W, 3) RGB.
+        light_of_level: (3, 256).
+        scene: (W + 2,), output between its ends.
     """
     red, green, blue = light_of_level[0], light_of_level[1], light_of_level[2]
     for column in range(len(rendered)):
@@ -44,9 +44,9 @@ def _interpolate_factors(
     coarse row beside that of its coarse row: weights of 22, 9 and 1, in 1/32. The same holds for columns.
 
     Args:
-        rendered: (W, 3) uint8 RGB, the row.
+        rendered: (W, 3) RGB, the row.
         coarse: (ceil(W / 2) + 2,) float32, scratch.
-        fine: (W,) float32, output.
+        fine: (W,), output.
     """
     last, width = factors.shape[0] - 1, factors.shape[1]
     near_row, step = min(row >> 1, last), (row & 1) * 2 - 1
@@ -112,7 +112,7 @@ def _write_row(
     """Write a row of the light image from three rows blurred along x, times the vignetting if there is any.
 
     Args:
-        light: (W, C) uint16, output.
+        light: (W, C), output.
     """
     white, half, maximum = f32(LIGHT_WHITE), f32(0.5), f32(65535.0)
     if has_falloff:
@@ -152,17 +152,17 @@ def light_rows(
     """Write a light image.
 
     Args:
-        rendered: (H, W, 3) uint8 RGB.
-        dots: (H, W) uint16, the projector's light; (1, 1): the projector is off.
+        rendered: (H, W, 3) RGB.
+        dots: (H, W), the projector's light; (1, 1): the projector is off.
         dot_unit: light that 1 in ``dots`` adds, relative to the rendered light.
         factors: (ceil(H / 2), ceil(W / 2)) uint8, factors of the rendered light, units of 1/64; (1, 1): 1.
-        background: (3,) uint8 RGB of pixels to which no factor applies.
-        light_of_level: (C, 3, 256) float32, light that each level of red, green and blue adds to each channel.
+        background: (3,) RGB of pixels to which no factor applies.
+        light_of_level: (C, 3, 256), light that each level of red, green and blue adds to each channel.
         neighbour_weight: weight of each of both neighbours in the filter of three taps along rows and along columns.
         cx: principal point, pixels from the left edge.
         cy: principal point, pixels from the top edge.
         inv_focal: 1 / focal length, 1/pixels; 0: no vignetting.
-        light: (H, W, C) uint16, output.
+        light: (H, W, C), output.
     """
     height, width, channels = light.shape
     outer = f32(neighbour_weight)
