@@ -163,9 +163,4 @@ def _emit_element(builder: Any, sig: Any, reference: Any, index: Any) -> Any:
 
 
 define_fields(_StructType, lambda struct, name: struct.fields.get(name), _load_field, _store_field)
-define_operator(
-    operator.getitem,
-    (_StructType, types.Integer),
-    _element_signature,
-    _emit_element,
-)
+define_operator(operator.getitem, (_StructType, types.Integer), _element_signature, _emit_element)

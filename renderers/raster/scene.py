@@ -11,16 +11,7 @@ from numpy.typing import NDArray
 
 from renderers.cache import WeakCache
 from renderers.compiler.pointers import address_of
-from renderers.drawlist import (
-    AlphaMode,
-    DrawList,
-    Instance,
-    InstanceSet,
-    Mesh,
-    PosedInstances,
-    Topology,
-    used_vertices,
-)
+from renderers.drawlist import AlphaMode, DrawList, Instance, InstanceSet, Mesh, PosedInstances, Topology, used_vertices
 from renderers.raster.convex_culling import cullable_mesh
 from renderers.raster.layout import MAX_POINT_SIZE, RasterInstance
 from renderers.stop import check_stop

@@ -51,11 +51,4 @@ from renderers.shading.headlight.passes import HeadlightJob, paint, solid_pixels
 from renderers.shading.scene import ShadingScene, prepare
 from renderers.shading.texture_table import Parallel
 
-__all__ = [
-    "HeadlightJob",
-    "Parallel",
-    "ShadingScene",
-    "paint",
-    "prepare",
-    "solid_pixels",
-]
+__all__ = ["HeadlightJob", "Parallel", "ShadingScene", "paint", "prepare", "solid_pixels"]

@@ -150,11 +150,7 @@ def reflected(
     s = vec.minimum(vec.maximum(one - v_h, zero), one)
     s2 = s * s
     fresnel = s2 * s2 * s
-    f_r, f_g, f_b = (
-        f0[0] + (f90 - f0[0]) * fresnel,
-        f0[1] + (f90 - f0[1]) * fresnel,
-        f0[2] + (f90 - f0[2]) * fresnel,
-    )
+    f_r, f_g, f_b = (f0[0] + (f90 - f0[0]) * fresnel, f0[1] + (f90 - f0[1]) * fresnel, f0[2] + (f90 - f0[2]) * fresnel)
     dielectric_share = one - metallic
     diffuse = (one - vec.maximum(f_r, vec.maximum(f_g, f_b))) * dielectric_share * vec.f32(1.0 / math.pi)
     dielectric, metal = specular * dielectric_share, specular * metallic

@@ -82,10 +82,7 @@ def _with_flat_normals(mesh: Mesh) -> Mesh:
 
 
 def corner_tangents(
-    positions: NDArray[np.float32],
-    normals: NDArray[np.float32],
-    uv: NDArray[np.float32],
-    triangles: NDArray[np.uint32],
+    positions: NDArray[np.float32], normals: NDArray[np.float32], uv: NDArray[np.float32], triangles: NDArray[np.uint32]
 ) -> NDArray[np.float32]:
     """Return the unit tangent and the bitangent's handedness at every corner of every triangle, (3 M, 4) float32.
 

@@ -45,8 +45,7 @@ minimum: Callable[[Lanes, Lanes], Lanes] = define(_same_vector, _emit_minimum)
 maximum: Callable[[Lanes, Lanes], Lanes] = define(_same_vector, _emit_maximum)
 """``maximum(a, b)``: the larger value; ``b`` where one is NaN."""
 less_unsigned: Callable[[I32x8, I32x8], Mask8] = define(
-    lambda a, b: m8 if a is i32x8 and b is i32x8 else None,
-    lambda builder, sig, a, b: builder.icmp_unsigned("<", a, b),
+    lambda a, b: m8 if a is i32x8 and b is i32x8 else None, lambda builder, sig, a, b: builder.icmp_unsigned("<", a, b)
 )
 """``less_unsigned(a, b)``: mask of the lanes where ``a < b`` as unsigned integers."""
 select: Callable[[Mask8, Lanes, Lanes], Lanes] = define(

@@ -85,8 +85,7 @@ def _emit_store(builder: Any, sig: Any, pointer: Any, index: Any, value: Any) ->
 
 
 store: Callable[[Pointer[Any], int, Any], int] = define(
-    lambda pointer, index, value: types.int32 if vector_behind(pointer) is value else None,
-    _emit_store,
+    lambda pointer, index, value: types.int32 if vector_behind(pointer) is value else None, _emit_store
 )
 """``store(pointer, i, v)``: write the values i .. i + 8, unaligned."""
 
@@ -149,8 +148,5 @@ def _emit_prefetch(builder: Any, sig: Any, pointer: Any, index: Any) -> Any:
     return ir.Constant(I32, 0)
 
 
-prefetch = define(
-    lambda pointer, index: types.int32 if isinstance(pointer, types.CPointer) else None,
-    _emit_prefetch,
-)
+prefetch = define(lambda pointer, index: types.int32 if isinstance(pointer, types.CPointer) else None, _emit_prefetch)
 """``prefetch(pointer, i)``: fetch the cache line of value i; the address need not be valid."""

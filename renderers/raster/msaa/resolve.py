@@ -76,12 +76,7 @@ def mixed_bands(job: HeadlightJob) -> SampledShader:
 
 
 def paint_each_sample(
-    rasterizer: Rasterizer,
-    scene: DrawList,
-    shading: ShadingScene,
-    camera: Camera,
-    look: Look,
-    color: NDArray[np.uint8],
+    rasterizer: Rasterizer, scene: DrawList, shading: ShadingScene, camera: Camera, look: Look, color: NDArray[np.uint8]
 ) -> None:
     """Paint a translucent scene once per sample position and average the colours as bytes."""
     total = np.zeros(color.shape, np.uint16)

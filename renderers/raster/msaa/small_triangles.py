@@ -13,12 +13,7 @@ from renderers.compiler.simd import F32x8, F32x8x2, I32x8, I32x8x2, I32x8x3
 from renderers.compiler.structs import Struct, inline
 from renderers.msaa import SampleBand
 from renderers.raster.layout import MAX_SMALL_WIDTH, SUBPIXEL_BITS, RasterFrame, SmallTriangle, box_of
-from renderers.raster.msaa.storage import (
-    max_inv_z_offset,
-    merge_samples,
-    merge_whole_pixels,
-    sample_inv_z_offsets,
-)
+from renderers.raster.msaa.storage import max_inv_z_offset, merge_samples, merge_whole_pixels, sample_inv_z_offsets
 from renderers.visibility_buffer import BAND_ROWS
 
 

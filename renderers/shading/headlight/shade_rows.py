@@ -14,13 +14,7 @@ from renderers.shading.interpolation import interpolate
 from renderers.shading.layout import Segment, ShadedPixels, Spans
 from renderers.shading.packed_rows import write_packed_row
 from renderers.shading.span_setup import set_up_spans
-from renderers.shading.spans import (
-    begin_rows,
-    end_rows,
-    find_spans,
-    next_part,
-    next_segment,
-)
+from renderers.shading.spans import begin_rows, end_rows, find_spans, next_part, next_segment
 
 
 @inlined

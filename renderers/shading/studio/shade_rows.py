@@ -19,13 +19,7 @@ from renderers.msaa import SampleBand
 from renderers.shading.interpolation import interpolate, pixel_columns
 from renderers.shading.layout import PART, STRIDE, Segment, ShadedPixels, Spans
 from renderers.shading.span_setup import set_up_spans
-from renderers.shading.spans import (
-    begin_rows,
-    end_rows,
-    find_spans,
-    next_part,
-    next_segment,
-)
+from renderers.shading.spans import begin_rows, end_rows, find_spans, next_part, next_segment
 from renderers.shading.studio.layout import (
     StudioEdgeShader,
     StudioInputs,

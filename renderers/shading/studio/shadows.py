@@ -178,11 +178,7 @@ def _is_same_view(a: Camera, b: Camera) -> bool:
 
 
 def shadow_map_of(
-    rasterizer: Rasterizer,
-    scene: DrawList,
-    camera: Camera,
-    transparent: NDArray[np.bool_],
-    solid_pixels: SolidPixels,
+    rasterizer: Rasterizer, scene: DrawList, camera: Camera, transparent: NDArray[np.bool_], solid_pixels: SolidPixels
 ) -> ShadowMap:
     """Return the map for a light's camera, from the cache if possible.
 

@@ -66,11 +66,7 @@ def without_local_mean(image: NDArray[np.uint16]) -> NDArray[np.uint16]:
 
 
 def residual_shift(
-    left: NDArray[np.uint16],
-    right: NDArray[np.uint16],
-    disparity: NDArray[np.float32],
-    radius: int,
-    noise_sigma: float,
+    left: NDArray[np.uint16], right: NDArray[np.uint16], disparity: NDArray[np.float32], radius: int, noise_sigma: float
 ) -> NDArray[np.float32]:
     """Return the shift to add to each disparity, (H, W) float32, pixels; 0 where the disparity is unknown.
 

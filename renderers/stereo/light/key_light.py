@@ -146,12 +146,7 @@ def _unshadowed_share(
     scale = focal_length / light_z
     # A texel has one depth, but the depths of a slanted surface differ within it.
     bias = 0.5 * offset / max(n_l, 0.2)
-    return _lit_share(
-        shadow_depth,
-        f32(light_x * scale + center),
-        f32(light_y * scale + center),
-        f32(light_z - bias),
-    )
+    return _lit_share(shadow_depth, f32(light_x * scale + center), f32(light_y * scale + center), f32(light_z - bias))
 
 
 @kernel
