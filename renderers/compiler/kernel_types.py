@@ -145,7 +145,9 @@ def numba_type(annotation: Any, bound: Mapping[Any, Any] | None = None) -> Any:
         return annotation.numba_type
     if isinstance(origin, type) and issubclass(origin, tuple):
         # The parameters of a generic NamedTuple are its fields' type variables.
-        own = dict(zip(getattr(origin, "__parameters__", ()), arguments, strict=True))
+        own = {
+            p: numba_type(each, bound) for p, each in zip(getattr(origin, "__parameters__", ()), arguments, strict=True)
+        }
         fields = get_type_hints(origin, include_extras=True).values()
         return types.BaseTuple.from_types([numba_type(each, own) for each in fields], origin)
     raise TypeError(f"{annotation!r} is no type of kernels")

@@ -14,6 +14,8 @@ STRIDE: Final = PART + LANES
 """Number of values in a row of ShadedPixels. Loops over pixels overrun by up to seven."""
 SPAN_STRIDE: Final = PART + 2 * LANES
 """Number of values in a row of Spans. A part has at most PART spans, and loops read beyond them."""
+UV_SET_ROWS: Final = 2 + 2
+"""Rows of Spans for one set of texture coordinates."""
 
 # Bits for the attributes that a mesh has.
 HAS_NORMALS: Final = 1
@@ -142,7 +144,7 @@ class Spans(Struct):
     # span, the second half their change per pixel.
     weight_sum: Pointer[F32] = _spans(1 + 1)
     normal: Pointer[F32] = _spans(3 + 3)  # optical frame
-    uv: Pointer[F32] = _spans(2 * (2 + 2))  # of the set uv0, then of uv1
+    uv: Pointer[F32] = _spans(2 * UV_SET_ROWS)  # of the set uv0, then of uv1
     color: Pointer[F32] = _spans(4 + 4)
     tangent: Pointer[F32] = _spans(4 + 4)  # optical frame, and the sign of the bitangent
     # Filled only if the ShadingMaterial has has_surface:
@@ -151,7 +153,7 @@ class Spans(Struct):
     # Filled only if the ShadingMaterial has has_gradients. The first half of the rows holds the changes of the sums per
     # column of the image, the second half those per row.
     weight_sum_gradient: Pointer[F32] = _spans(1 + 1)
-    uv_gradient: Pointer[F32] = _spans(2 * (2 + 2))  # of the set uv0, then of uv1
+    uv_gradient: Pointer[F32] = _spans(2 * UV_SET_ROWS)  # of the set uv0, then of uv1
 
 
 class ShadedPixels(Struct):
