@@ -16,6 +16,8 @@ from renderers.raster.fill import make_fill
 from renderers.raster.layer import set_band_layer
 from renderers.raster.layout import (
     BACK_BIT,
+    BACK_FACES,
+    FRONT_FACES,
     HALF_PIXEL,
     KIND_SMALL,
     SUBPIXEL,
@@ -184,9 +186,9 @@ def _draw_pixels(frame: RasterFrame, target: _Target, chunk: Chunk, begin: I64, 
 
 
 @inlined
-def _depth_rule(frame: RasterFrame, back_faces: I64) -> I64:
-    """Return the rule of ``depth_test``; ``back_faces`` as for ``draw_band``."""
-    if back_faces != 0:
+def _depth_rule(frame: RasterFrame, faces: I64) -> I64:
+    """Return the rule of ``depth_test``; ``faces`` as for ``draw_band``."""
+    if faces == BACK_FACES:
         # Drawn after the front faces, some of which have higher ids. Never PEELED: only opaque frames keep back faces.
         return ANY_ORDER
     # A pass of depth peeling has layers that bound it, or takes the latest primitive.
@@ -195,15 +197,13 @@ def _depth_rule(frame: RasterFrame, back_faces: I64) -> I64:
 
 
 @device_function
-def _draw_chunk(
-    frame: RasterFrame, target: _Target, chunk: Chunk, first_row: I64, end_row: I64, back_faces: I64
-) -> None:
-    """Draw what a Chunk has in a band; ``back_faces`` as for ``draw_band``.
+def _draw_chunk(frame: RasterFrame, target: _Target, chunk: Chunk, first_row: I64, end_row: I64, faces: I64) -> None:
+    """Draw what a Chunk has in a band; ``faces`` as for ``draw_band``.
 
     Primitives are drawn in the order of their ids; pixels of tiny triangles compare ids themselves.
     """
     bin_index, begin_pixel, end_pixel = first_row // BAND_ROWS, first_row * frame.stride, end_row * frame.stride
-    if back_faces != 0:
+    if faces == BACK_FACES:
         # With BACK_BIT, the sign bit of int32, pixels are negative and in the same order. So a range of front faces'
         # pixels has none of back faces, and the other way round.
         bin_index += frame.first_back_bin
@@ -217,19 +217,19 @@ def _draw_chunk(
 
 
 @kernel
-def draw_band(frame_address: Address, first_row: I64, end_row: I64, band_memory: Address, back_faces: I64) -> None:
+def draw_band(frame_address: Address, first_row: I64, end_row: I64, band_memory: Address, faces: I64) -> None:
     """Rasterize a band.
 
     Args:
         frame_address: address of a RasterFrame.
-        back_faces: 0: draw all but the back faces that are kept, into a cleared layer; 1: draw these on top of it.
+        faces: FRONT_FACES or BACK_FACES.
     """
     frame = RasterFrame(frame_address)
     layer, target = Layer(), _Target()
     set_band_layer(frame, layer, first_row, band_memory)
     target.layer, target.prepared = layer, PreparedTriangle()
-    target.depth_rule = _depth_rule(frame, back_faces)
-    if back_faces == 0:
+    target.depth_rule = _depth_rule(frame, faces)
+    if faces == FRONT_FACES:
         _clear_rows(frame, layer, first_row, end_row)
     band = first_row // BAND_ROWS
     for index in range(frame.chunk_count):
@@ -237,4 +237,4 @@ def draw_band(frame_address: Address, first_row: I64, end_row: I64, band_memory:
         if chunk.first_band <= band and band <= chunk.last_band:
             if is_set(frame.stop):
                 break
-            _draw_chunk(frame, target, chunk, first_row, end_row, back_faces)
+            _draw_chunk(frame, target, chunk, first_row, end_row, faces)

@@ -144,8 +144,16 @@ class Chunk(Struct):
     last_band: I64
 
 
+# Phases of a frame, see ``frame_phases``.
+TRANSFORM: Final = 0
+SETUP: Final = 1
+BANDS: Final = 2
 PHASES: Final = 3
-"""Phases of a frame: transform, setup, bands."""
+# Passes over a band, see ``coverage.draw_band``.
+FRONT_FACES: Final = 0
+"""Draw all but the back faces that are kept, into a cleared layer."""
+BACK_FACES: Final = 1
+"""Draw the back faces that are kept, on top of the layer."""
 
 
 class RasterFrame(Struct):
@@ -185,7 +193,7 @@ class RasterFrame(Struct):
     transform_kernel: I64  # addresses of kernels
     setup_kernel: I64
     draw_kernel: I64  # coverage.draw_band, or msaa.edges.draw_samples
-    edges_kernel: I64  # msaa.edges.find_edges; 0: one sample per pixel
+    edges_kernel: I64  # msaa.edges.find_edges, with several samples per pixel
     shade_kernel: I64  # 0: nothing is shaded
     shade_job: I64
     resolve_kernel: I64  # 0: no outputs other than colour are wanted

@@ -21,18 +21,18 @@ weights."""
 
 
 @inlined
-def _span_starts_after(masks: Pointer[I64], x: I64) -> I64:
+def _span_starts_after(start_bits: Pointer[I64], x: I64) -> I64:
     """Return int64, a bit for each of the pixels x + 1 .. x + 9 of a row, set where a span begins.
 
     The last bit, of the first pixel of the next eight, only counts: see ``interpolate``.
 
     Args:
-        masks: as in Segment; one more word follows the last pixel's.
+        start_bits: as in Segment; one more word follows the last pixel's.
     """
     # The upper word moves left by 64 - bit, in two steps, since a shift by 64 is undefined.
     word, bit = (x + 1) >> 6, (x + 1) & 63
-    low = u64(masks[word]) >> u64(bit)
-    return i64((low | ((u64(masks[word + 1]) << u64(63 - bit)) << u64(1))) & u64(255))
+    low = u64(start_bits[word]) >> u64(bit)
+    return i64((low | ((u64(start_bits[word + 1]) << u64(63 - bit)) << u64(1))) & u64(255))
 
 
 @inlined
@@ -83,7 +83,7 @@ def interpolate(segment: Segment, begin: I64, end: I64) -> None:
     Up to seven further values per row are overwritten. Texture coordinates that the material reads and the mesh lacks
     become 0, as do their gradients.
     """
-    spans, pixels, masks, columns = segment.spans, segment.pixels, segment.masks, segment.columns
+    spans, pixels, start_bits, columns = segment.spans, segment.pixels, segment.start_bits, segment.columns
     attributes, span_offsets = segment.attributes, segment.job.span_offsets
     has_gradients, has_surface = segment.material.has_gradients != 0, segment.material.has_surface != 0
     at = i64(0)
@@ -91,7 +91,7 @@ def interpolate(segment: Segment, begin: I64, end: I64) -> None:
         pixel = x - begin  # in the part, as in _store_gradient
         # Seven bits tell the spans of these eight pixels: a row of spans.SPAN_OFFSETS. With the eighth bit, that of the
         # next eight's first pixel, their number takes ``at`` to that pixel's span.
-        starts = _span_starts_after(masks, x)
+        starts = _span_starts_after(start_bits, x)
         offsets = vec.load(span_offsets, vec.LANES * (starts & 127))
         column = vec.to_f32(pixel_columns(columns, x))
         t = column - _span_values(spans.begin, 0, at, offsets)

@@ -193,7 +193,7 @@ class Segment(Struct):
     y: I64  # row of the image
     columns: I64  # address of the pixels' image columns, int32; 0: pixel k is in column k
     # Spans of the row.
-    masks: Pointer[I64]  # one bit per pixel, set where a span begins
+    start_bits: Pointer[I64]  # one bit per pixel, set where a span begins
     starts: Pointer[I32]  # first pixel of each span; after the last span, the number of pixels
     ids: Pointer[I32]  # primitive id of each span
     row_ids: Pointer[I32]  # working memory of spans.find_spans
