@@ -20,7 +20,8 @@ from renderers.raster.frame_phases import run_phases
 from renderers.raster.frame_setup import set_up_frame
 from renderers.raster.layout import CHUNK_SIZE, CHUNK_VALUES, Chunk, Draw, Primitive, RasterFrame
 from renderers.raster.msaa.edges import draw_samples, find_edges
-from renderers.raster.resolve import resolve_band, resolve_normals
+from renderers.raster.resolve import resolve_band
+from renderers.raster.resolve_normals import resolve_normals
 from renderers.raster.scene import PreparedScene
 from renderers.raster.setup import setup
 from renderers.raster.transform import transform
