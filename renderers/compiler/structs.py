@@ -22,6 +22,7 @@ from __future__ import annotations
 
 import inspect
 import operator
+from collections import namedtuple
 from collections.abc import Mapping
 from itertools import repeat
 from typing import TYPE_CHECKING, Any, ClassVar, Final, Self
@@ -91,6 +92,12 @@ class Struct:
         """Return a field's offset in bytes."""
         offset: int = cls.numba_type.offsets[field]
         return offset
+
+    @classmethod
+    def places(cls, nbytes: int) -> Any:
+        """Return the places of the fields in an array of values of ``nbytes`` each, a constant that kernels may use."""
+        offsets = {field: offset // nbytes for field, offset in cls.numba_type.offsets.items()}
+        return namedtuple(f"{cls.__name__}Places", offsets)(**offsets)
 
     @classmethod
     def record(cls, **fields: Any) -> tuple[Any, ...]:

@@ -95,6 +95,11 @@ class SmallTriangle(Struct):
     inv_z_max: F32
 
 
+SMALL_FIELDS: Final = SmallTriangle.places(4)
+"""Index of each field of a SmallTriangle, of four bytes each; of ``edges`` and ``edge_dx``, of the first value."""
+SMALL_FIELD_COUNT: Final = SmallTriangle.nbytes // 4
+
+
 class RasterInstance(Struct):
     """An instance of the draw list, independent of camera and pose. The table ends with one more row, in which
     ``first_vertex`` and ``first_primitive`` are the totals."""

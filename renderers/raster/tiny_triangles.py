@@ -11,7 +11,7 @@ from renderers.compiler.kernel_types import I64, f32
 from renderers.compiler.simd import F32x8, I32x8, Mask8
 from renderers.raster.grid import Box
 from renderers.raster.layout import BACK_BIT, MAX_TINY_PIXELS, TINY_SIDE, Chunk, RasterFrame
-from renderers.raster.triangle_geometry import Edges, InvZPlane
+from renderers.raster.triangle_geometry import EightTriangles
 
 
 @inlined
@@ -31,22 +31,15 @@ def is_tiny(frame: RasterFrame, box: Box[I32x8]) -> Mask8:
 
 @inlined
 def rasterize_tiny(
-    frame: RasterFrame,
-    tiny: Mask8,
-    is_kept_back: Mask8,
-    ids: I32x8,
-    box: Box[I32x8],
-    edges: Edges,
-    plane: InvZPlane,
-    chunk: Chunk,
+    frame: RasterFrame, triangles: EightTriangles, tiny: Mask8, is_kept_back: Mask8, chunk: Chunk
 ) -> None:
     """Append the pixels of tiny triangles, at most TINY_SIDE x TINY_SIDE of each, to a Chunk.
 
     Args:
         tiny: the triangles to draw.
         is_kept_back: back faces that are kept: their pixels get BACK_BIT.
-        box, edges, plane: their Box, Edges and InvZPlane.
     """
+    ids, box, edges, plane = triangles
     first_pixel = box.top * vec.i32(frame.stride) + box.left
     first_pixel = vec.select(is_kept_back, first_pixel | vec.i32(BACK_BIT), first_pixel)
     # All eight are tested at the same 3 x 3 pixels, or 4 x 4 if any is that wide: surplus tests, which cover nothing,

@@ -46,9 +46,29 @@ class InvZPlane(NamedTuple):
     max: F32x8
 
 
+class Corners(NamedTuple):
+    """The three corners of eight triangles."""
+
+    x: F32x8x3
+    """Pixels."""
+    y: F32x8x3
+    w: F32x8x3
+    """1/z, or BEHIND or OUTSIDE."""
+
+
+class EightTriangles(NamedTuple):
+    """What coverage and depth of eight triangles are computed from."""
+
+    ids: I32x8
+    """Primitive ids."""
+    box: Box[I32x8]
+    edges: Edges
+    plane: InvZPlane
+
+
 @inlined
-def load_triangles(draw: Draw, first: I64, count: I64, vertices: Pointer[F32]) -> tuple[F32x8x3, F32x8x3, F32x8x3]:
-    """Return x, y (pixels) and 1/z (or BEHIND, OUTSIDE) of the corners of eight triangles.
+def load_triangles(draw: Draw, first: I64, count: I64, vertices: Pointer[F32]) -> Corners:
+    """Return the corners of eight triangles.
 
     Args:
         first: index of the first triangle in its mesh.
@@ -65,7 +85,7 @@ def load_triangles(draw: Draw, first: I64, count: I64, vertices: Pointer[F32]) -
     x0, y0, w0 = vec.load_corners(vertices, indices, 0)
     x1, y1, w1 = vec.load_corners(vertices, indices, 1)
     x2, y2, w2 = vec.load_corners(vertices, indices, 2)
-    return (x0, x1, x2), (y0, y1, y2), (w0, w1, w2)
+    return Corners((x0, x1, x2), (y0, y1, y2), (w0, w1, w2))
 
 
 @inlined
@@ -146,15 +166,13 @@ def edge_functions(gx: I32x8x3, gy: I32x8x3, box: Box[I32x8]) -> Edges:
 
 
 @inlined
-def inv_z_plane(x: F32x8x3, y: F32x8x3, w: F32x8x3, box: Box[I32x8]) -> InvZPlane:
+def inv_z_plane(corners: Corners, box: Box[I32x8]) -> InvZPlane:
     """Return the InvZPlane through the vertices before snapping; the same for both windings.
 
     Along both edges from corner 0, dw = dx edge_x + dy edge_y: two equations, solved by Cramer's rule. Coverage is that
     of the snapped vertices, so that 1/z of a covered pixel may be extrapolated a little: see ``InvZPlane.min``.
-
-    Args:
-        x, y, w: pixels and 1/z of the corners.
     """
+    x, y, w = corners
     ax, ay, aw = vec.to_f64(x[0]), vec.to_f64(y[0]), vec.to_f64(w[0])
     edge1_x, edge1_y, edge1_w = vec.to_f64(x[1]) - ax, vec.to_f64(y[1]) - ay, vec.to_f64(w[1]) - aw
     edge2_x, edge2_y, edge2_w = vec.to_f64(x[2]) - ax, vec.to_f64(y[2]) - ay, vec.to_f64(w[2]) - aw
