@@ -12,7 +12,7 @@ from renderers.compiler.simd import F64x8x2, I32x8
 from renderers.compiler.structs import Struct
 from renderers.raster.chunks import pixels_between, primitives_in_bin
 from renderers.raster.depth_test import ANY_ORDER, IN_ORDER, PEELED, depth_test, depth_test_pixel
-from renderers.raster.fill import make_fill
+from renderers.raster.fill import Pixel, make_fill
 from renderers.raster.layer import set_band_layer
 from renderers.raster.layout import (
     BACK_BIT,
@@ -62,15 +62,14 @@ def _draw_span_with_rule(
     row: I64,
     start: I64,
     stop: I64,
-    base_x: I64,
-    base_y: I64,
+    base: Pixel,
 ) -> None:
     """Draw the pixels ``start .. stop`` of a row with a depth rule, best a constant; as ``_draw_span``.
 
     1/z is exact to float32 at the first pixel of every vector, wherever the span starts.
     """
     dx = primitive.inv_z_dx
-    row_inv_z = primitive.inv_z_base + primitive.inv_z_dy * f64(row - base_y)
+    row_inv_z = primitive.inv_z_base + primitive.inv_z_dy * f64(row - base.y)
     inv_z_min, inv_z_max = vec.f32(primitive.inv_z_min), vec.f32(primitive.inv_z_max)
     ids, lane = vec.i32(primitive.id), vec.iota()
     # Strips of eight vectors of eight columns. 1/z at the first pixel of each vector is computed in float64, for all of
@@ -81,7 +80,7 @@ def _draw_span_with_rule(
     aligned_start = start & ~i64(vec.LANES - 1)
     pixel = (row - layer.first_row) * frame.stride + aligned_start
     for strip_column in range(aligned_start, stop, vec.LANES * vec.LANES):
-        from_base = vec.f64(strip_column - base_x) + first_offsets
+        from_base = vec.f64(strip_column - base.x) + first_offsets
         vec.store(first_inv_z, 0, vec.to_f32(vec.f64(row_inv_z) + vec.f64(dx) * from_base))
         columns = vec.i32(strip_column) + lane
         for k in range(min((stop - strip_column + vec.LANES - 1) // vec.LANES, vec.LANES)):
@@ -94,14 +93,20 @@ def _draw_span_with_rule(
 
 @device_function
 def _draw_span(
-    frame: RasterFrame, target: _Target, primitive: Primitive, row: I64, start: I64, stop: I64, base_x: I64, base_y: I64
+    frame: RasterFrame,
+    target: _Target,
+    primitive: Primitive,
+    row: I64,
+    start: I64,
+    stop: I64,
+    base: Pixel,
 ) -> None:
     """Draw the pixels ``start .. stop`` of a row."""
     # Inlined twice: with the constant IN_ORDER, the code of the other rules is dropped.
     if target.depth_rule == IN_ORDER:
-        _draw_span_with_rule(frame, target.layer, IN_ORDER, primitive, row, start, stop, base_x, base_y)
+        _draw_span_with_rule(frame, target.layer, IN_ORDER, primitive, row, start, stop, base)
     else:
-        _draw_span_with_rule(frame, target.layer, target.depth_rule, primitive, row, start, stop, base_x, base_y)
+        _draw_span_with_rule(frame, target.layer, target.depth_rule, primitive, row, start, stop, base)
 
 
 @inlined
@@ -113,8 +118,7 @@ def _draw_spans(
     count: I64,
     start: I32x8,
     stop: I32x8,
-    base_x: I64,
-    base_y: I64,
+    base: Pixel,
 ) -> None:
     """Draw ``count`` rows from ``row`` on, each in the columns of its lane of ``start`` and ``stop``."""
     spans = _span_array()
@@ -123,7 +127,7 @@ def _draw_spans(
     for k in range(count):
         row_start, row_stop = i64(spans[k]), i64(spans[vec.LANES + k])
         if row_start < row_stop:
-            _draw_span(frame, target, primitive, row + k, row_start, row_stop, base_x, base_y)
+            _draw_span(frame, target, primitive, row + k, row_start, row_stop, base)
 
 
 @inlined
@@ -133,7 +137,7 @@ def _draw_point(frame: RasterFrame, target: _Target, primitive: Primitive, first
     left, top, right, bottom = i64(values[0]), i64(values[1]), i64(values[2]), i64(values[3])
     # 1/z is constant, so that any pixel serves as base.
     for row in range(max(top, first_row), min(bottom, end_row)):
-        _draw_span(frame, target, primitive, row, left, right, left, top)
+        _draw_span(frame, target, primitive, row, left, right, Pixel(left, top))
 
 
 # Draws large primitives. For every eight rows it calls _sample_points, finds the columns, and calls _draw_spans with

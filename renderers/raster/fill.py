@@ -48,19 +48,19 @@ def _first_column_right_of(xa: F64, ya: F64, xb: F64, yb: F64, x: F64x8, y: F64x
 
 
 @device_function
-def inv_z_origin(primitive: Primitive) -> tuple[I64, I64]:
-    """Return the column and row of the pixel at whose centre 1/z is ``inv_z_base``."""
+def inv_z_origin(primitive: Primitive) -> Pixel:
+    """Return the pixel at whose centre 1/z is ``inv_z_base``."""
     values, kind = primitive.values, primitive.kind
     x0, y0 = i64(values[0]), i64(values[1])
     if kind == KIND_TRIANGLE:
         x1, y1, x2, y2 = i64(values[2]), i64(values[3]), i64(values[4]), i64(values[5])
-        return first_center(min(x0, x1, x2)), first_center(min(y0, y1, y2))
+        return Pixel(first_center(min(x0, x1, x2)), first_center(min(y0, y1, y2)))
     if kind == KIND_LINE:
         corner = i64(values[5])
-        return corner & 0xFFFF, corner >> 16
+        return Pixel(corner & 0xFFFF, corner >> 16)
     if kind == KIND_CLIPPED:
-        return x0, y0
-    return i64(0), i64(0)
+        return Pixel(x0, y0)
+    return Pixel(i64(0), i64(0))
 
 
 @device_function
@@ -86,6 +86,13 @@ def _polygon_of(frame: RasterFrame, primitive: Primitive, polygon: Pointer[I64])
         return 4
     draw = frame.draws[values[2]]
     return clip_triangle(frame, draw, i64(primitive.id) - draw.first_id, corner_array(), polygon)
+
+
+class Pixel(NamedTuple):
+    """Column and row of a pixel of the image, or off it."""
+
+    x: I64
+    y: I64
 
 
 class _Corners(NamedTuple):
@@ -156,8 +163,8 @@ def make_fill(
         rows: number of rows whose spans are found at a time: 8, each lane is a row; or 1, each lane is a sample.
         sample_points: ``sample_points(frame, row)`` returns the sample points of ``rows`` rows from ``row`` on, as two
             f64x8 in grid units: their offset across from the pixel's centre, and their position down.
-        draw_spans: ``draw_spans(frame, target, primitive, row, count, start, stop, base_x, base_y)`` draws ``count``
-            of these rows. Each point is covered in the columns ``start .. stop`` (i32x8). ``base_x, base_y`` is the
+        draw_spans: ``draw_spans(frame, target, primitive, row, count, start, stop, base)`` draws ``count``
+            of these rows. Each point is covered in the columns ``start .. stop`` (i32x8). ``base`` is the
             pixel that ``primitive.inv_z_base`` belongs to.
         draw_point: ``draw_point(frame, target, primitive, first_row, end_row)`` draws a KIND_POINT.
     """
@@ -180,12 +187,12 @@ def make_fill(
         box = pixel_box(frame, min_x, min_y, max_x, max_y, frame.sample_reach)
         if area == 0 or box.left >= box.right:
             return
-        base_x, base_y = inv_z_origin(primitive)
+        base = inv_z_origin(primitive)
         bottom = min(box.bottom, end_row)
         for row in range(max(box.top, first_row), bottom, rows):
             x, y = sample_points(frame, row)
             start, stop = _covered_columns(corners, box.left, box.right, x, y)
-            draw_spans(frame, target, primitive, row, min(bottom - row, rows), start, stop, base_x, base_y)
+            draw_spans(frame, target, primitive, row, min(bottom - row, rows), start, stop, base)
 
     @device_function
     def fill(frame: RasterFrame, target: Target, primitive: Primitive, first_row: I64, end_row: I64) -> None:

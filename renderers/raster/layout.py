@@ -1,11 +1,17 @@
-"""Structs that the rasterizer's kernels share, and the constants of its fixed-point grid."""
+"""Structs that the rasterizer's kernels share, and the constants of its fixed-point grid.
+
+RasterFrame ─┬─ RasterInstance    a mesh of the draw list
+             ├─ Draw              an instance that is drawn in this frame
+             ├─ Chunk ─ Primitive or SmallTriangle    1,024 of them, with the bins that each touches
+             └─ Layer             visibility buffer: primitive id and 1/z of each pixel
+"""
 
 from __future__ import annotations
 
-from typing import Final
+from typing import Final, NamedTuple
 
 from renderers.compiler.device_function import inlined
-from renderers.compiler.kernel_types import F32, F64, I32, I64, U32, Pointer, i64
+from renderers.compiler.kernel_types import F32, F64, I32, I64, U32, Address, Pointer, i64
 from renderers.compiler.pointers import advance
 from renderers.compiler.structs import Struct, inline
 
@@ -114,7 +120,7 @@ class RasterInstance(Struct):
     box_half: Pointer[F64] = inline(3)  # half extents; negative: not convex
     mesh_positions: Pointer[F32]  # the mesh's own arrays
     mesh_indices: Pointer[U32]
-    mesh_normals: I64  # address of (N, 3) float32; 0: none
+    mesh_normals: Address  # (N, 3) float32; 0: none
 
 
 class Draw(Struct):
@@ -162,66 +168,80 @@ BACK_FACES: Final = 1
 
 
 class RasterFrame(Struct):
-    """A rasterization: its parameters, the memory that it works in, and its units of work, which threads share."""
+    """A rasterization: its parameters, the memory that it works in, and its units of work, which threads share.
 
-    # Set by FrameJob.
+    ``frame.FrameJob`` fills it up to the counts. An Address or flag is 0 where there is none.
+    """
+
+    # Image and camera.
     width: I64  # pixels
     height: I64
     stride: I64  # pixels from one row of a visibility layer to the next: a multiple of eight
-    samples: I64  # per pixel
-    max_threads: I64
     fx: F64  # camera intrinsics, pixels
     fy: F64
     cx: F64
     cy: F64
     near: F64  # metres
     inv_z_far: F32  # 1/z at the far plane, 1/m: nothing with less passes the depth test
-    instance_count: I64
-    instances: RasterInstance  # (instance_count + 1)
-    first_ids: Pointer[I64]  # (instance_count + 1): first primitive id of every instance, and the total
-    labels: Pointer[I32]  # (instance_count,): bits of uint32 labels
-    instance_ids: Pointer[I32]  # (instance_count,)
-    select: I64  # address of (instance_count,) bool: instances to draw; 0: all
-    cull_back: I64  # address of (instance_count,) bool: instances whose back faces are culled; 0: none
-    skip_hidden_back_faces: I64  # not 0: back faces of convex meshes need not be drawn
-    keep_back_faces: I64  # not 0: culled back faces go to bins of their own, drawn after shading
-    X_world_mesh: Pointer[F64]  # (instance_count, 4, 4)
     X_world_camera: Pointer[F64] = inline(16)
-    X_camera_mesh: Pointer[F64]  # (instance_count, 4, 4)
-    poses_ready: I64  # not 0: X_camera_mesh is filled
-    stop: I64  # address of an int64 that is not 0 once the frame should end, see renderers.stop
+
+    # Instances of the draw list, instance_count each.
+    instance_count: I64
+    instances: RasterInstance  # and one more
+    first_ids: Pointer[I64]  # first primitive id of every instance, and the total
+    labels: Pointer[I32]  # bits of uint32 labels
+    instance_ids: Pointer[I32]
+    X_world_mesh: Pointer[F64]  # (4, 4) each
+    X_camera_mesh: Pointer[F64]  # (4, 4) each
+    poses_ready: I64  # flag: X_camera_mesh is filled
+    select: Address  # bool: instances to draw; all if there are none
+    cull_back: Address  # bool: instances whose back faces are culled
+    skip_hidden_back_faces: I64  # flag: back faces of convex meshes need not be drawn
+    keep_back_faces: I64  # flag: culled back faces go to bins of their own, drawn after shading
+
+    # Samples.
+    samples: I64  # per pixel
+    sample_reach: I64  # grid units from a pixel's centre to its outermost sample, each way; 0: one sample
+    sample_offsets: Pointer[I32]  # (2, 8): offsets of the samples across and down, grid units
+    lane_lists: Pointer[I32]  # (256, 8), see msaa.lane_lists
+
+    # Kernels.
+    transform_kernel: Address
+    setup_kernel: Address
+    draw_kernel: Address  # coverage.draw_band, or msaa.edges.draw_samples
+    edges_kernel: Address  # msaa.edges.find_edges, with several samples per pixel
+    shade_kernel: Address  # none: nothing is shaded
+    shade_job: Address
+    resolve_kernel: Address  # none: no outputs other than colour are wanted
+    normals_kernel: Address
+    yield_function: Address
+
+    # Layers that bound what is drawn, (height, stride) each: ids are int32, inv_z float32.
+    beyond_ids: Address  # primitives must lie behind this layer
+    beyond_inv_z: Address
+    before_ids: Address  # primitives must lie in front of this layer
+    before_inv_z: Address
+    earlier_ids: Address  # primitives must have lower ids
+    takes_latest: I64  # flag: pixels see the primitive with the highest id, not the nearest
+
+    # Results. The layer is (height, stride); without it, only the outputs are wanted.
+    layer_ids: Address
+    layer_inv_z: Address
+    depth: Address
+    label: Address
+    instance: Address
+    normal: Address
+
+    # Memory.
     draws: Draw  # (draw_count + 1)
     vertices: Pointer[F32]  # (vertex_count, 4): x, y in pixels, 1/z in 1/m or BEHIND or OUTSIDE, unused
     primitives: Primitive  # (chunk_count * CHUNK_SIZE); those of KIND_SMALL are SmallTriangle
     chunks: Chunk  # (chunk_count)
     chunk_memory: Pointer[I32]  # (chunk_count, CHUNK_VALUES): what their pointers point to
-    transform_kernel: I64  # addresses of kernels
-    setup_kernel: I64
-    draw_kernel: I64  # coverage.draw_band, or msaa.edges.draw_samples
-    edges_kernel: I64  # msaa.edges.find_edges, with several samples per pixel
-    shade_kernel: I64  # 0: nothing is shaded
-    shade_job: I64
-    resolve_kernel: I64  # 0: no outputs other than colour are wanted
-    normals_kernel: I64
-    yield_function: I64
-    band_memory: I64  # address of the first thread's memory for a band; 0: none
+    band_memory: Address  # the first thread's memory for a band
     band_memory_bytes: I64  # of each thread
-    layer_ids: I64  # address of (height, stride) int32 and float32; 0: only the outputs are wanted
-    layer_inv_z: I64
-    beyond_ids: I64  # address of the layer (height, stride) that primitives must lie behind; 0: none
-    beyond_inv_z: I64
-    before_ids: I64  # address of the layer that primitives must lie in front of; 0: none
-    before_inv_z: I64
-    earlier_ids: I64  # address of ids (height, stride) that primitives must be below; 0: none
-    takes_latest: I64  # not 0: pixels see the primitive with the highest id, not the nearest
-    depth: I64  # addresses of outputs; 0: not wanted
-    label: I64
-    instance: I64
-    normal: I64
-    sample_reach: I64  # grid units from a pixel's centre to its outermost sample, each way; 0: one sample
-    sample_offsets: Pointer[I32]  # (2, 8): offsets of the samples across and down, grid units
-    lane_lists: Pointer[I32]  # (256, 8), see msaa.lane_lists
-    # Computed by set_up_frame.
+
+    # Counts, computed by set_up_frame.
     draw_count: I64
     vertex_count: I64
     primitive_count: I64
@@ -231,7 +251,10 @@ class RasterFrame(Struct):
     vertices_per_unit: I64
     chunks_per_unit: I64
     units: Pointer[I64] = inline(PHASES)
-    # Written while threads work.
+
+    # Progress, written while threads work.
+    max_threads: I64
+    stop: Address  # an int64 that is not 0 once the frame should end, see renderers.stop
     threads_started: Pointer[I64] = inline(1)
     units_taken: Pointer[I64] = inline(PHASES)
     units_done: Pointer[I64] = inline(PHASES)
@@ -251,9 +274,18 @@ def vertex_of(frame: RasterFrame, draw: Draw, index: I64) -> Pointer[F32]:
     return advance(frame.vertices, 4 * (draw.first_vertex + index))
 
 
+class SmallBox(NamedTuple):
+    """Pixels in which a SmallTriangle may be; perhaps off the image."""
+
+    left: I64
+    top: I64
+    column_count: I64
+    row_count: I64
+
+
 @inlined
-def box_of(triangle: SmallTriangle) -> tuple[I64, I64, I64, I64]:
-    """Return first column, first row, number of columns and of rows of a SmallTriangle's box."""
+def box_of(triangle: SmallTriangle) -> SmallBox:
+    """Return the box of a SmallTriangle."""
     corner, size = i64(triangle.box_corner), i64(triangle.box_size)
     left = ((corner & 0xFFFF) ^ 0x8000) - 0x8000  # sign-extended from 16 bits
-    return left, corner >> 16, size & 0xFFFF, size >> 16
+    return SmallBox(left, corner >> 16, size & 0xFFFF, size >> 16)

@@ -20,7 +20,7 @@ from renderers.compiler.simd import F64x8x2, I32x8
 from renderers.compiler.structs import Struct
 from renderers.msaa import SampleBand
 from renderers.raster.chunks import primitives_in_bin
-from renderers.raster.fill import make_fill
+from renderers.raster.fill import Pixel, make_fill
 from renderers.raster.grid import first_center
 from renderers.raster.layout import (
     CHUNK_SIZE,
@@ -65,8 +65,7 @@ def _draw_span(
     count: I64,
     start: I32x8,
     stop: I32x8,
-    base_x: I64,
-    base_y: I64,
+    base: Pixel,
 ) -> None:
     """Draw a row in which every sample has its own columns, ``start .. stop``; ``count`` is 1."""
     is_covered = start < stop
@@ -78,7 +77,7 @@ def _draw_span(
     # Between these columns all samples are covered.
     full_begin, full_end = vec.i32(vec.maximum_of(start)), vec.i32(vec.minimum_of(stop))
     inv_z_dx, inv_z_dy = primitive.inv_z_dx, primitive.inv_z_dy
-    row_inv_z = primitive.inv_z_base + inv_z_dy * f64(row - base_y)
+    row_inv_z = primitive.inv_z_base + inv_z_dy * f64(row - base.y)
     inv_z_offsets = sample_inv_z_offsets(frame, inv_z_dx, inv_z_dy)
     max_offset = vec.f32(max_inv_z_offset(frame, inv_z_dx, inv_z_dy))
     inv_z_min, inv_z_max = vec.f32(primitive.inv_z_min), vec.f32(primitive.inv_z_max)
@@ -90,13 +89,13 @@ def _draw_span(
         columns = vec.i32(column) + lane
         full = (columns >= full_begin) & (columns < full_end)
         touched = (columns >= vec.i32(begin)) & (columns < vec.i32(end))
-        inv_z = vec.to_f32(vec.f64(row_inv_z) + vec.f64(inv_z_dx) * vec.to_f64(columns - vec.i32(base_x)))
+        inv_z = vec.to_f32(vec.f64(row_inv_z) + vec.f64(inv_z_dx) * vec.to_f64(columns - vec.i32(base.x)))
         edge_pixels = merge_whole_pixels(band, row_pixel + column, inv_z, max_offset, primitive, owner, full, touched)
         while edge_pixels != 0:  # from here on the lanes are the eight samples of one pixel
             x = column + vec.lowest_bit(edge_pixels)
             edge_pixels &= edge_pixels - 1
             covered = (vec.i32(x) >= start) & (vec.i32(x) < stop)
-            inv_z = vec.f32(row_inv_z + inv_z_dx * f64(x - base_x)) + inv_z_offsets
+            inv_z = vec.f32(row_inv_z + inv_z_dx * f64(x - base.x)) + inv_z_offsets
             inv_z = vec.minimum(vec.maximum(inv_z, inv_z_min), inv_z_max)
             slot_count = merge_samples(frame, band, slot_count, row_pixel + x, inv_z, covered, ids)
     target.scratch.slot_count = slot_count
@@ -119,7 +118,7 @@ def _draw_point(frame: RasterFrame, target: _SampleTarget, primitive: Primitive,
         y = vec.i32(row * SUBPIXEL + HALF_PIXEL) + sample_y
         inside = (y >= vec.i32(y0)) & (y < vec.i32(y1))
         row_stop = vec.select(inside, stop, vec.i32(-1))
-        _draw_span(frame, target, primitive, row, 1, start, row_stop, i64(0), i64(0))
+        _draw_span(frame, target, primitive, row, 1, start, row_stop, Pixel(i64(0), i64(0)))
 
 
 # Draws large primitives: calls _draw_span for one row at a time.

@@ -107,9 +107,9 @@ def _write_owner_samples(frame: RasterFrame, band: SampleBand, pixel: I64, first
         center = vec.f32(row_inv_z + small.inv_z_dx * f32(x - base_x))
         inv_z = center + sample_inv_z_offsets(frame, small.inv_z_dx, small.inv_z_dy)
     else:
-        base_x, base_y = inv_z_origin(primitive)
-        exact_row_inv_z = primitive.inv_z_base + primitive.inv_z_dy * f64(y - base_y)
-        center = vec.f32(exact_row_inv_z + primitive.inv_z_dx * f64(x - base_x))
+        base = inv_z_origin(primitive)
+        exact_row_inv_z = primitive.inv_z_base + primitive.inv_z_dy * f64(y - base.y)
+        center = vec.f32(exact_row_inv_z + primitive.inv_z_dx * f64(x - base.x))
         inv_z = center + sample_inv_z_offsets(frame, primitive.inv_z_dx, primitive.inv_z_dy)
     vec.store(band.sample_ids, first_sample, vec.i32(primitive.id))
     inv_z = vec.minimum(vec.maximum(inv_z, vec.f32(primitive.inv_z_min)), vec.f32(primitive.inv_z_max))
