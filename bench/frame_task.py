@@ -1,4 +1,4 @@
-"""Reading a FRAME, to run its kernels one by one."""
+"""Reading a RasterFrame, to run its kernels one by one."""
 
 from __future__ import annotations
 
@@ -7,11 +7,11 @@ from types import SimpleNamespace
 
 import numpy as np
 
-from renderers.raster.layout import FRAME
+from renderers.raster.layout import RasterFrame
 
 
 def read_frame(address: int) -> SimpleNamespace:
-    """Return the fields of the FRAME at an address."""
-    memory = (ctypes.c_char * FRAME.size).from_address(address)
-    frame = np.frombuffer(bytes(memory), FRAME.dtype)[0]
-    return SimpleNamespace(**{name: frame[name].tolist() for name in FRAME.dtype.names or ()})
+    """Return the fields of the RasterFrame at an address."""
+    memory = (ctypes.c_char * RasterFrame.nbytes).from_address(address)
+    frame = np.frombuffer(bytes(memory), RasterFrame.dtype)[0]
+    return SimpleNamespace(**{name: frame[name].tolist() for name in RasterFrame.dtype.names or ()})

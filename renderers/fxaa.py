@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from renderers.compiler.device_function import device_function, inlined
 from renderers.compiler.jit import kernel
 from renderers.compiler.kernel_calls import is_set
+from renderers.compiler.kernel_types import F32, I64, U8, Address, Pointer, f32, i32, u8
 from renderers.compiler.pointers import address_of, f32_at, u8_at
 from renderers.stop import current_stop
 
@@ -23,9 +24,9 @@ HARD_CONTRAST: Final = np.float32(255.0 / 16.0)
 """Minimum range of the lumas (0 to 255) of a pixel and its four neighbours. Pixels below it are not smoothed."""
 RELATIVE_CONTRAST: Final = np.float32(1.0 / 8.0)
 """Minimum range of these lumas relative to the largest one."""
-SUBPIXEL_CONTRAST: Final = np.float32(1.0 / 4.0)
+SUBPIXEL_CONTRAST: Final = f32(1.0 / 4.0)
 """Minimum difference between a single-pixel spot and the mean of its four neighbours, relative to the lumas' range."""
-SUBPIXEL_BLEND: Final = np.float32(3.0 / 4.0)
+SUBPIXEL_BLEND: Final = f32(3.0 / 4.0)
 """Maximum share of the neighbours' mean that is blended into a single-pixel spot."""
 MAX_SEARCH: Final = 12
 """Maximum distance at which the end of an edge is searched, pixels, in each direction."""
@@ -49,8 +50,16 @@ def fxaa(color: NDArray[np.uint8]) -> None:
     stop.check()
 
 
-@kernel("void(int64, int64, int64, int64, int64, int64, int64)")
-def _smooth(color_at, copy_at, luma_at, may_be_edge_at, width, height, stop_at):
+@kernel
+def _smooth(
+    color_at: Address,
+    copy_at: Address,
+    luma_at: Address,
+    may_be_edge_at: Address,
+    width: I64,
+    height: I64,
+    stop_at: Address,
+) -> None:
     """Smooth an image, and check the stop flag once per row.
 
     Args:
@@ -64,11 +73,7 @@ def _smooth(color_at, copy_at, luma_at, may_be_edge_at, width, height, stop_at):
     for i in range(3 * height * width):
         source[i] = color[i]
     for i in range(height * width):
-        luma[i] = (
-            np.float32(0.299) * source[3 * i]
-            + np.float32(0.587) * source[3 * i + 1]
-            + np.float32(0.114) * source[3 * i + 2]
-        )
+        luma[i] = f32(0.299) * source[3 * i] + f32(0.587) * source[3 * i + 1] + f32(0.114) * source[3 * i + 2]
     for y in range(height):
         if is_set(stop_at):
             break
@@ -85,34 +90,36 @@ def _smooth(color_at, copy_at, luma_at, may_be_edge_at, width, height, stop_at):
 
 
 @device_function
-def _find_edges(luma, row, north, south, width, may_be_edge):
+def _find_edges(luma: Pointer[F32], row: I64, north: I64, south: I64, width: I64, may_be_edge: Pointer[U8]) -> None:
     """Set ``may_be_edge`` for the pixels of a row, except the first and the last.
 
     Most of the time is spent here, since few pixels are at edges. LLVM vectorises the loop.
 
     Args:
-        luma: pointer to (height, width) float32, 0 to 255.
+        luma: (height, width), 0 to 255.
         row, north, south: index of the first pixel of the row and of its neighbours in ``luma``.
         width: pixels.
-        may_be_edge: pointer to (width,) uint8.
+        may_be_edge: (width,).
     """
     for x in range(1, width - 1):
         c, n, s, w, e = luma[row + x], luma[north + x], luma[south + x], luma[row + x - 1], luma[row + x + 1]
         brightest = max(max(max(n, s), max(w, e)), c)
         contrast = brightest - min(min(min(n, s), min(w, e)), c)
-        may_be_edge[x] = np.uint8(contrast >= max(HARD_CONTRAST, RELATIVE_CONTRAST * brightest))
+        may_be_edge[x] = u8(contrast >= max(HARD_CONTRAST, RELATIVE_CONTRAST * brightest))
 
 
 @device_function
-def _smooth_pixel(source, luma, color, x, y, width, height, contrast):
+def _smooth_pixel(
+    source: Pointer[U8], luma: Pointer[F32], color: Pointer[U8], x: I64, y: I64, width: I64, height: I64, contrast: F32
+) -> None:
     """Smooth one pixel.
 
     Args:
-        source, luma: pointers to the unsmoothed image, (height, width, 3) uint8, and its lumas, float32.
-        color: pointer to the smoothed image, uint8.
+        source, luma: pointers to the unsmoothed image, (height, width, 3), and its lumas.
+        color: pointer to the smoothed image.
         x, y: the pixel.
         width, height: pixels.
-        contrast: float32: range of the lumas of the pixel and its four neighbours.
+        contrast: range of the lumas of the pixel and its four neighbours.
     """
     row = y * width
     north, south = min(y + 1, height - 1) * width, max(y - 1, 0) * width
@@ -120,7 +127,7 @@ def _smooth_pixel(source, luma, color, x, y, width, height, contrast):
     c, n, s, w, e = luma[row + x], luma[north + x], luma[south + x], luma[row + west], luma[row + east]
     nw, ne, sw, se = luma[north + west], luma[north + east], luma[south + west], luma[south + east]
     # The direction of the edge, from second differences across columns and across rows. The middle ones count twice.
-    two = np.float32(2.0)
+    two = f32(2.0)
     across_columns = abs(nw + ne - two * n) + two * abs(w + e - two * c) + abs(sw + se - two * s)
     across_rows = abs(nw + sw - two * w) + two * abs(n + s - two * c) + abs(ne + se - two * e)
     is_horizontal = across_rows >= across_columns
@@ -138,39 +145,41 @@ def _smooth_pixel(source, luma, color, x, y, width, height, contrast):
     after, luma_after = _edge_end(luma, row + x, pixel_across, stride, pixels_after, c, luma_across)
     # If both ends are equally far, the shift is 0 for either.
     luma_end = luma_before if before < after else luma_after
-    shift = np.float32(0.0)
+    shift = f32(0.0)
     if abs(luma_end - luma_across) < abs(luma_end - c):
-        shift = np.float32(0.5) - np.float32(min(before, after)) / np.float32(before + after)
+        shift = f32(0.5) - f32(min(before, after)) / f32(before + after)
     # A single-pixel spot is blended with the mean of the 3 x 3 pixels around it.
-    neighbour_mean = np.float32(0.25) * (n + s + w + e)
+    neighbour_mean = f32(0.25) * (n + s + w + e)
     excess = abs(neighbour_mean - c) / contrast - SUBPIXEL_CONTRAST
-    blend = min(SUBPIXEL_BLEND, max(np.float32(0.0), excess / (np.float32(1.0) - SUBPIXEL_CONTRAST)))
+    blend = min(SUBPIXEL_BLEND, max(f32(0.0), excess / (f32(1.0) - SUBPIXEL_CONTRAST)))
     for k in range(3):
-        own = np.float32(source[3 * (row + x) + k])
-        value = own + shift * (np.float32(source[3 * pixel_across + k]) - own)
-        if blend > np.float32(0.0):
+        own = f32(source[3 * (row + x) + k])
+        value = own + shift * (f32(source[3 * pixel_across + k]) - own)
+        if blend > f32(0.0):
             value = value + blend * (_mean_of_nine(source, (north, row, south), (west, x, east), k) - value)
-        color[3 * (row + x) + k] = np.uint8(value + np.float32(0.5))
+        color[3 * (row + x) + k] = u8(value + f32(0.5))
 
 
 @inlined
-def _mean_of_nine(source, rows, columns, k):
-    """Return the mean of a channel over 3 x 3 pixels, float32.
+def _mean_of_nine(source: Pointer[U8], rows: tuple[I64, I64, I64], columns: tuple[I64, I64, I64], k: I64) -> F32:
+    """Return the mean of a channel over 3 x 3 pixels.
 
     Args:
         source: as for ``_smooth_pixel``.
         rows, columns: three each: indices of the rows' first pixels, and columns.
         k: the channel, 0 to 2.
     """
-    total = np.int32(0)
+    total = i32(0)
     for row in rows:
         for column in columns:
-            total += np.int32(source[3 * (row + column) + k])
-    return np.float32(total) / np.float32(9.0)
+            total += i32(source[3 * (row + column) + k])
+    return f32(total) / f32(9.0)
 
 
 @device_function
-def _edge_end(luma, pixel, pixel_across, stride, max_distance, c, luma_across):
+def _edge_end(
+    luma: Pointer[F32], pixel: I64, pixel_across: I64, stride: I64, max_distance: I64, c: F32, luma_across: F32
+) -> tuple[I64, F32]:
     """Return the distance of the edge's end in pixels, and the luma there on the pixel's own side.
 
     As in VTK, the edge ends where the luma on one side is closer to the luma that the other side has at the start. This

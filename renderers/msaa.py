@@ -15,7 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from renderers.camera import Camera
-from renderers.compiler.structs import F32, I32, I64, U8, Struct, pointer_to
+from renderers.compiler.kernel_types import F32, I32, I64, U8, Pointer
+from renderers.compiler.structs import Struct
 
 _SAMPLE_POSITIONS: Final[dict[int, tuple[tuple[int, int], ...]]] = {
     1: ((0, 0),),
@@ -24,33 +25,30 @@ _SAMPLE_POSITIONS: Final[dict[int, tuple[tuple[int, int], ...]]] = {
 }
 """Offsets (x, y) from the pixel's centre in 1/16 pixel, by number of samples: Direct3D's standard patterns."""
 
-SAMPLE_BAND: Final = Struct(
-    "SampleBand",
-    {
-        "sample_ids": pointer_to(I32),  # (slots, 8)
-        "sample_inv_z": pointer_to(F32),  # (slots, 8)
-        "first_row": I64,  # row of the image that the band begins with
-        "ids": pointer_to(I32),  # (BAND_ROWS, stride): primitive id that is shaded for the pixel, -1: none
-        "max_entries": I64,  # maximum number of entries of a row
-        "counts": pointer_to(I32),  # (BAND_ROWS,): number of entries of each row
-        "entry_ids": pointer_to(I32),  # (BAND_ROWS, max_entries): primitive ids of the entries
-        "entry_columns": pointer_to(I32),  # (BAND_ROWS, max_entries): columns of their pixels in the image
-        "entry_weights": pointer_to(U8),  # (BAND_ROWS, max_entries): number of samples that see them, of 8
-        "mixed_counts": pointer_to(I32),  # (BAND_ROWS,): number of mixed pixels of each row
-        "mixed": pointer_to(I32),  # (BAND_ROWS, stride): column << 8 | samples that see ``ids`` << 4 | that see none
-        "entry_colors": pointer_to(U8),  # (BAND_ROWS, max_entries, 3): RGB of the entries, filled by shading
-        "far": pointer_to(F32),  # (BAND_ROWS, stride): smallest 1/z of a pixel's samples
-        "near": pointer_to(F32),  # (BAND_ROWS, stride): largest 1/z of a pixel's samples
-        "slots": pointer_to(I32),  # (BAND_ROWS, stride): slot of the pixel's samples, -1: none
-        "owners": pointer_to(I32),  # (BAND_ROWS, stride): index of the primitive that covers the pixel
-    },
-)
-"""Memory of one thread for a band with several samples per pixel. Index 0 is the band's first pixel.
 
-A *slot* holds the eight samples of a pixel whose samples differ. A pixel is *mixed* if its samples see several
-surfaces, or a surface and none. One of the surfaces is shaded for the pixel itself (``ids``). The others are its
-*entries*."""
-sample_band_at: Final = SAMPLE_BAND.at
+class SampleBand(Struct):
+    """Memory of one thread for a band with several samples per pixel. Index 0 is the band's first pixel.
+
+    A *slot* holds the eight samples of a pixel whose samples differ. A pixel is *mixed* if its samples see several
+    surfaces, or a surface and none. One of the surfaces is shaded for the pixel itself (``ids``). The others are its
+    *entries*."""
+
+    sample_ids: Pointer[I32]  # (slots, 8)
+    sample_inv_z: Pointer[F32]  # (slots, 8)
+    first_row: I64  # row of the image that the band begins with
+    ids: Pointer[I32]  # (BAND_ROWS, stride): primitive id that is shaded for the pixel, -1: none
+    max_entries: I64  # maximum number of entries of a row
+    counts: Pointer[I32]  # (BAND_ROWS,): number of entries of each row
+    entry_ids: Pointer[I32]  # (BAND_ROWS, max_entries): primitive ids of the entries
+    entry_columns: Pointer[I32]  # (BAND_ROWS, max_entries): columns of their pixels in the image
+    entry_weights: Pointer[U8]  # (BAND_ROWS, max_entries): number of samples that see them, of 8
+    mixed_counts: Pointer[I32]  # (BAND_ROWS,): number of mixed pixels of each row
+    mixed: Pointer[I32]  # (BAND_ROWS, stride): column << 8 | samples that see ``ids`` << 4 | that see none
+    entry_colors: Pointer[U8]  # (BAND_ROWS, max_entries, 3): RGB of the entries, filled by shading
+    far: Pointer[F32]  # (BAND_ROWS, stride): smallest 1/z of a pixel's samples
+    near: Pointer[F32]  # (BAND_ROWS, stride): largest 1/z of a pixel's samples
+    slots: Pointer[I32]  # (BAND_ROWS, stride): slot of the pixel's samples, -1: none
+    owners: Pointer[I32]  # (BAND_ROWS, stride): index of the primitive that covers the pixel
 
 
 def sample_cameras(camera: Camera, samples: int) -> tuple[Camera, ...]:

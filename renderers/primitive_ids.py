@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 from renderers.compiler.device_function import device_function
+from renderers.compiler.kernel_types import I64, Pointer
 
 
 @device_function
-def instance_of(first_ids, instance_count, primitive_id, hint):
+def instance_of(first_ids: Pointer[I64], instance_count: I64, primitive_id: I64, hint: I64) -> I64:
     """Return the index of the instance that a primitive belongs to.
 
     Args:
-        first_ids: pointer to (instance_count + 1,) int64, as in ``Visibility.first_ids``.
+        first_ids: (instance_count + 1,), as in ``Visibility.first_ids``.
         primitive_id: >= 0.
         hint: index of the instance that is tried first; neighbouring pixels mostly share it.
     """

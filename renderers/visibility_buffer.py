@@ -58,7 +58,7 @@ class SampledShader:
 
     kernel: int
     """Address of a kernel that any thread calls with five int64: ``job``, the address of the band's
-    ``msaa.SAMPLE_BAND``, ``SampledView.stride``, the band's first row in the image, and the row after its last."""
+    ``msaa.SampleBand``, ``SampledView.stride``, the band's first row in the image, and the row after its last."""
     job: int
     """First argument of the kernel."""
     keep: object

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import gc
+import os
 import re
 from collections import Counter
 from collections.abc import Iterator
@@ -11,6 +12,8 @@ from typing import Any
 
 import pytest
 from hypothesis import HealthCheck, settings
+
+os.environ["SCENEGATE_CHECK_KERNELS"] = "1"  # before kernels are imported, here and in processes of the tests
 
 from tests.support import clients
 from tests.support.gateway_process import gateway_process

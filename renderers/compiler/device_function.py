@@ -9,11 +9,15 @@ only lowers device functions to LLVM; they are optimised once, in the kernel
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any, Final
+from typing import Any, Final, TypeVar
 
 from numba import njit, types
 from numba.core import compiler, compiler_machinery, typed_passes, untyped_passes
 from numba.core.codegen import JITCodeLibrary
+
+from renderers.compiler.kernel_types import KernelSignature
+
+F = TypeVar("F", bound=Callable[..., Any])
 
 
 class _NoEnvironment:
@@ -51,7 +55,7 @@ class _DeviceLibrary(JITCodeLibrary):
 
 @compiler_machinery.register_pass(mutates_CFG=False, analysis_only=True)
 class _ChooseLibrary(compiler_machinery.LoweringPass):
-    """Lower the function into a ``_DeviceLibrary``."""
+    """Lower the function into a ``_DeviceLibrary``, if it returns what its annotation says."""
 
     _name = "choose_device_library"
 
@@ -59,6 +63,7 @@ class _ChooseLibrary(compiler_machinery.LoweringPass):
         pass
 
     def run_pass(self, state: Any) -> bool:
+        state.func_id.func.kernel_signature.check_result(state.args, state.return_type)
         state.library = _DeviceLibrary(state.targetctx.codegen(), state.func_id.func_qualname)
         return False
 
@@ -101,32 +106,43 @@ _OPTIONS: Final[dict[str, Any]] = {
 }
 
 
-def _decorator(**options: Any) -> Callable[[Callable[..., Any]], Any]:
-    """Return a decorator like ``njit`` whose functions are compiled once for all values of a constant argument.
+def _decorator(**options: Any) -> Callable[[F], F]:
+    """Return a decorator like ``njit`` for functions whose annotations are their signature.
 
-    Numba would compile a function again for every constant; LLVM propagates constants anyway when it inlines.
+    They are compiled once for all values of a constant argument. Numba would compile a function again for every
+    constant; LLVM propagates constants anyway when it inlines.
     """
 
-    def decorate(function: Callable[..., Any]) -> Any:
+    def decorate(function: F) -> F:
         dispatcher = _jit(**options)(function)
+        signature = KernelSignature(function)
+        untyped: Any = function
+        untyped.kernel_signature = signature
         compiler = dispatcher._compiler  # noqa: SLF001 - Numba has no option for it
         numba_fold = compiler.fold_argument_types
 
         def fold_argument_types(args: Any, kws: Any) -> Any:
             unliteral: Any = types.unliteral  # the type of a constant without its value
-            return numba_fold(tuple(map(unliteral, args)), {name: unliteral(each) for name, each in dict(kws).items()})
+            named = {name: unliteral(each) for name, each in dict(kws).items()}
+            python_signature, given = numba_fold(tuple(map(unliteral, args)), named)
+            return python_signature, signature.accept(given)
 
         compiler.fold_argument_types = fold_argument_types
-        return dispatcher
+        decorated: F = dispatcher
+        return decorated
 
     return decorate
 
 
-device_function: Final[Any] = _decorator(forceinline=False, **_OPTIONS)
-"""Decorator for a function that kernels call. A call from Python crashes the process.
+def device_function(function: F) -> F:
+    """Decorate a function that kernels call. A call from Python crashes the process.
 
-LLVM decides whether to inline it. Numba's default is to inline all that an ``inlined`` function calls: one kernel
-for shading would have 42,000 instructions instead of 14,000, and take twice as long to compile.
-"""
-inlined: Final[Any] = _decorator(forceinline=True, **_OPTIONS)
-"""``device_function`` that is always inlined."""
+    LLVM decides whether to inline it. Numba's default is to inline all that an ``inlined`` function calls: one kernel
+    for shading would have 42,000 instructions instead of 14,000, and take twice as long to compile.
+    """
+    return _decorator(forceinline=False, **_OPTIONS)(function)
+
+
+def inlined(function: F) -> F:
+    """Decorate a ``device_function`` that is always inlined."""
+    return _decorator(forceinline=True, **_OPTIONS)(function)

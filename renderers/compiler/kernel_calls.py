@@ -10,18 +10,15 @@ import ctypes
 from functools import cache
 from typing import Any, Final
 
-from llvmlite import ir
-from numba import types
-
 from renderers.compiler.jit import Kernel
-from renderers.compiler.numba_typing import intrinsic
+from renderers.compiler.numba_typing import intrinsic, ir, types
 from renderers.compiler.pending import wait_for_kernel
 
 _I32, _I64 = ir.IntType(32), ir.IntType(64)
 
 
 @cache
-def kernel_address(kernel: Kernel) -> int:
+def kernel_address(kernel: Kernel[..., Any]) -> int:
     """Return the address of a kernel's machine code, for ``call_kernel``; it is never freed."""
     wait_for_kernel(kernel.name)
     kernel.compile()

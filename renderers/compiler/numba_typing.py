@@ -1,9 +1,9 @@
-"""Operators, fields and signatures of our own Numba types: all of Numba's private typing API that Scenegate uses.
+"""Operators, fields and functions of our own Numba types, and the names of Numba and llvmlite that they are made of.
 
-The public ``numba.extending`` does not replace it: ``overload`` compiles a function for each use, and the functions of
-``type_callable`` are tried after Numba's own. ``device_function`` has the compiler passes, ``cache_locator`` the cache
-and events; the rest of the package uses public names of ``numba`` and ``llvmlite`` only.
-``tests/renderers/compiler/test_numba_typing.py`` fails when Numba changes it.
+Four files import the libraries: this one, ``device_function`` (the compiler's passes), ``cache_locator`` (the cache and
+events) and ``cache_folder`` (the CPU's name). Private API is needed since the public ``numba.extending`` does not
+replace it: ``overload`` compiles a function for each use, and the functions of ``type_callable`` are tried after
+Numba's own. ``tests/renderers/compiler/test_numba_typing.py`` fails when Numba changes it.
 """
 
 from __future__ import annotations
@@ -11,17 +11,18 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any, ClassVar, Final
 
-from numba import extending, types
-from numba.core import sigutils
+from llvmlite import ir as ir
+from numba import extending as numba_extending
+from numba import typeof as numba_typeof
+from numba import types as types
 from numba.core.typing.templates import AbstractTemplate, AttributeTemplate, infer_global
 
-_extending: Final[Any] = extending  # its stubs lack most names
+extending: Final[Any] = numba_extending  # the stubs lack most names
+typeof: Final[Any] = numba_typeof
 
 
-def intrinsic(definition: Callable[..., Any]) -> Any:
-    """Decorate the definition of a function for kernels whose instructions we emit, as ``numba.extending.intrinsic``.
-
-    Numba's own decorator refreshes all of its registries for every call that it types: 4 % of the compile time.
+def define_function(key: Any, definition: Callable[..., Any]) -> None:
+    """Define what a call of ``key``, a function or a class, does in kernels.
 
     Args:
         definition: takes the typing context and the arguments' types; returns the signature and a function
@@ -29,14 +30,10 @@ def intrinsic(definition: Callable[..., Any]) -> Any:
             None if the types are wrong.
     """
     generators: dict[Any, Callable[..., Any]] = {}
-
-    def function(*arguments: object) -> object:
-        raise NotImplementedError("only kernels can call it")
-
-    function.__doc__ = definition.__doc__
+    key_of_template = key
 
     class Template(AbstractTemplate):
-        key = function
+        key = key_of_template
 
         def generic(self, args: Any, kws: Any) -> Any:
             typed = None if kws else definition(self.context, *args)
@@ -48,8 +45,24 @@ def intrinsic(definition: Callable[..., Any]) -> Any:
     def lower(context: Any, builder: Any, signature: Any, args: Any) -> Any:
         return generators[signature.args](context, builder, signature, args)
 
-    infer_global(function, types.Function(Template))
-    _extending.lower_builtin(function, types.VarArg(types.Any))(lower)
+    infer_global(key, types.Function(Template))
+    extending.lower_builtin(key, types.VarArg(types.Any))(lower)
+
+
+def intrinsic(definition: Callable[..., Any]) -> Any:
+    """Decorate the definition of a function for kernels whose instructions we emit, as ``numba.extending.intrinsic``.
+
+    Numba's own decorator refreshes all of its registries for every call that it types: 4 % of the compile time.
+
+    Args:
+        definition: as for ``define_function``.
+    """
+
+    def function(*arguments: object) -> object:
+        raise NotImplementedError("only kernels can call it")
+
+    function.__doc__ = definition.__doc__
+    define_function(function, definition)
     return function
 
 
@@ -80,7 +93,7 @@ def define_operator(
 
     register_template: Any = infer_global
     register_template(key)(Template)
-    _extending.lower_builtin(key, *operands)(lower)
+    extending.lower_builtin(key, *operands)(lower)
 
 
 def _define_extreme(key: Callable[..., Any], comparison: str) -> None:
@@ -127,13 +140,6 @@ def define_fields(
         def generic_resolve(self, value: Any, attr: str) -> Any:  # type: ignore[override]  # Numba's stubs are wrong
             return field_type(value, attr)
 
-    _extending.infer_getattr(Fields)
-    _extending.lower_getattr_generic(owner)(load)
-    _extending.lower_setattr_generic(owner)(store)
-
-
-def argument_types(signature: str) -> tuple[Any, ...]:
-    """Return the types of the arguments in a signature such as ``void(int64, float64[:, ::1])``."""
-    normalize: Any = sigutils.normalize_signature
-    arguments, _ = normalize(signature)
-    return tuple(arguments)
+    extending.infer_getattr(Fields)
+    extending.lower_getattr_generic(owner)(load)
+    extending.lower_setattr_generic(owner)(store)

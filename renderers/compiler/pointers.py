@@ -13,11 +13,10 @@ from collections.abc import Callable, Mapping
 from typing import Any, Final
 
 import numpy as np
-from llvmlite import ir
-from numba import types
 from numpy.typing import DTypeLike, NDArray
 
-from renderers.compiler.numba_typing import intrinsic
+from renderers.compiler.kernel_types import F32, F64, I32, I64, U8, U16, U32, Pointer, numba_type
+from renderers.compiler.numba_typing import intrinsic, ir, types
 
 CACHE_LINE: Final = 64
 
@@ -87,14 +86,14 @@ def _pointer_to(scalar: Any) -> Any:
     return intrinsic(cast)
 
 
-f32_at = _pointer_to(types.float32)
+f32_at: Callable[[int], Pointer[F32]] = _pointer_to(types.float32)
 """``f32_at(address)``: a pointer to float32."""
-f64_at = _pointer_to(types.float64)
-i32_at = _pointer_to(types.int32)
-i64_at = _pointer_to(types.int64)
-u32_at = _pointer_to(types.uint32)
-u16_at = _pointer_to(types.uint16)
-u8_at = _pointer_to(types.uint8)
+f64_at: Callable[[int], Pointer[F64]] = _pointer_to(types.float64)
+i32_at: Callable[[int], Pointer[I32]] = _pointer_to(types.int32)
+i64_at: Callable[[int], Pointer[I64]] = _pointer_to(types.int64)
+u32_at: Callable[[int], Pointer[U32]] = _pointer_to(types.uint32)
+u16_at: Callable[[int], Pointer[U16]] = _pointer_to(types.uint16)
+u8_at: Callable[[int], Pointer[U8]] = _pointer_to(types.uint8)
 
 
 def _cast_to(scalar: Any) -> Any:
@@ -109,10 +108,10 @@ def _cast_to(scalar: Any) -> Any:
     return intrinsic(cast)
 
 
-as_f32 = _cast_to(types.float32)
+as_f32: Callable[[Pointer[Any]], Pointer[F32]] = _cast_to(types.float32)
 """``as_f32(pointer)``: the same address as a pointer to float32."""
-as_i32 = _cast_to(types.int32)
-as_u32 = _cast_to(types.uint32)
+as_i32: Callable[[Pointer[Any]], Pointer[I32]] = _cast_to(types.int32)
+as_u32: Callable[[Pointer[Any]], Pointer[U32]] = _cast_to(types.uint32)
 
 
 @intrinsic
@@ -141,16 +140,18 @@ def stack_array(scalar: Any, count: int) -> Any:
     The memory is valid until the calling device function returns. All calls within one function return the same memory.
 
     Args:
-        scalar: Numba type of the values.
+        scalar: type of the values, as F32.
         count: number of values.
     """
 
+    value_type = numba_type(scalar)
+
     def allocate(typing_context: Any) -> tuple[Any, Callable[..., Any]]:
-        pointer: Any = types.CPointer(scalar)
+        pointer: Any = types.CPointer(value_type)
 
         def generate(context: Any, builder: Any, signature: Any, args: Any) -> Any:
             with builder.goto_entry_block():
-                memory = builder.alloca(ir.ArrayType(context.get_data_type(scalar), count))
+                memory = builder.alloca(ir.ArrayType(context.get_data_type(value_type), count))
             return builder.bitcast(memory, context.get_value_type(pointer))
 
         return pointer(), generate

@@ -2,94 +2,105 @@
 
 A kernel takes the address of a struct instead of a long list of integers:
 
-    MESH = Struct("Mesh", {"label": I64, "center": array_of(F64, 3)})
-    FRAME = Struct("Frame", {"width": I64, "depth": pointer_to(F32), "meshes": MESH})
-    frame_at = FRAME.at
+    class Mesh(Struct):
+        label: I64
+        center: Pointer[F64] = inline(3)
 
-    frame = frame_at(address)
+    class Frame(Struct):
+        width: I64
+        depth: Pointer[F32]
+        meshes: Mesh
+
+    frame = Frame(address)
     frame.depth[frame.width] = frame.meshes[3].center[2]
 
-A field of type ``Struct`` holds the address of an array of structs. As in C, ``struct[k]`` is a reference to the k-th
-struct of the array, unchecked. An ``array_of`` field lies within the struct; in kernels it is a pointer to its values.
+A field of a struct's type holds the address of an array of structs. As in C, ``struct[k]`` is a reference to the k-th
+struct of the array, unchecked. An ``inline`` field lies within the struct; in kernels it is a pointer to its values.
 """
 
 from __future__ import annotations
 
+import inspect
 import operator
+from collections import namedtuple
 from collections.abc import Mapping
 from itertools import repeat
-from typing import Any, Final
+from typing import TYPE_CHECKING, Any, ClassVar, Final, Self
 
 import numpy as np
-from llvmlite import ir
-from numba import extending, types
 
-from renderers.compiler.numba_typing import define_fields, define_operator, intrinsic
+from renderers.compiler.kernel_types import numba_type
+from renderers.compiler.numba_typing import define_fields, define_function, define_operator, extending, ir, types
 
-_extending: Final[Any] = extending  # its stubs lack most names
 _I64: Final = ir.IntType(64)
 
-I64: Final[Any] = types.int64
-I32: Final[Any] = types.int32
-U32: Final[Any] = types.uint32
-U8: Final[Any] = types.uint8
-F64: Final[Any] = types.float64
-F32: Final[Any] = types.float32
 
+class _Inline:
+    """Default of a field that is an array of values."""
 
-def pointer_to(scalar: Any) -> Any:
-    """Type of a field that holds the address of scalars."""
-    return types.CPointer(scalar)
-
-
-class _InlineArray:
-    """Type of a field that is an array of scalars."""
-
-    def __init__(self, scalar: Any, count: int) -> None:
-        self.scalar = scalar
+    def __init__(self, count: int) -> None:
         self.count = count
 
 
-def array_of(scalar: Any, count: int) -> Any:
-    """Type of a field that consists of ``count`` scalars."""
-    return _InlineArray(scalar, count)
+def inline(count: int) -> Any:
+    """Return the default of a ``Pointer`` field whose ``count`` values lie within the struct."""
+    return _Inline(count)
 
 
 class _StructType(types.Type):
     """Numba type of a reference to a struct."""
 
-    def __init__(self, name: str, kinds: Mapping[str, Any], offsets: Mapping[str, int], size: int) -> None:
+    def __init__(self, name: str, fields: Mapping[str, Any], inline_fields: Mapping[str, int], layout: Any) -> None:
         super().__init__(name)
-        self.fields = {
-            field: types.CPointer(kind.scalar) if isinstance(kind, _InlineArray) else kind
-            for field, kind in kinds.items()
-        }
-        self.inline = {field for field, kind in kinds.items() if isinstance(kind, _InlineArray)}
-        self.offsets = offsets
-        self.size = size
+        self.fields = fields
+        self.inline = inline_fields
+        self.offsets = {field: int(layout.fields[field][1]) for field in fields}
+        self.size: int = layout.itemsize
 
 
 class Struct:
-    """A struct type for kernels and, as ``dtype``, for NumPy, where addresses are int64."""
+    """Base of struct types for kernels and, as ``dtype``, for NumPy, where addresses are int64.
 
-    def __init__(self, name: str, fields: Mapping[str, Any]) -> None:
-        """
-        Args:
-            name: unique among all structs; part of the names of compiled functions.
-            fields: name -> a scalar type, ``pointer_to(...)``, ``array_of(...)``, or a ``Struct``.
-        """
-        kinds = {field: kind.type if isinstance(kind, Struct) else kind for field, kind in fields.items()}
-        self.dtype: Final = np.dtype([(field, _layout(kind)) for field, kind in kinds.items()], align=True)
-        layout: Any = self.dtype.fields
-        offsets = {field: int(layout[field][1]) for field in kinds}
-        self.size: Final = self.dtype.itemsize
-        self.type: Final[Any] = _StructType(name, kinds, offsets, self.size)
-        self.at: Final = _reference(self.type)
-        """``at(address)``: the struct at an address, in kernels."""
-        self.local: Final = _on_stack(self.type)
-        """``local()``: an uninitialised struct on the stack of the calling device function, in kernels."""
+    In kernels, ``Frame(address)`` is the struct at an address, and ``Frame()`` an uninitialised struct on the stack of
+    the calling device function. Names of structs must be unique: they are parts of the names of compiled functions.
+    """
 
-    def record(self, **fields: Any) -> tuple[Any, ...]:
+    dtype: ClassVar[np.dtype[Any]]
+    nbytes: ClassVar[int]
+    numba_type: ClassVar[Any]
+
+    def __init_subclass__(cls) -> None:
+        annotations = inspect.get_annotations(cls, eval_str=True)
+        fields = {name: numba_type(annotation) for name, annotation in annotations.items()}
+        counts = {name: vars(cls)[name].count for name in fields if name in vars(cls)}
+        for name in counts:
+            delattr(cls, name)
+        layout = [(name, _layout(kind, counts.get(name))) for name, kind in fields.items()]
+        cls.dtype = np.dtype(layout, align=True)
+        cls.nbytes = cls.dtype.itemsize
+        cls.numba_type = _StructType(cls.__name__, fields, counts, cls.dtype)
+        _define_constructor(cls)
+
+    if TYPE_CHECKING:
+
+        def __init__(self, address: int = 0) -> None: ...
+
+        def __getitem__(self, index: int) -> Self: ...
+
+    @classmethod
+    def offset_of(cls, field: str) -> int:
+        """Return a field's offset in bytes."""
+        offset: int = cls.numba_type.offsets[field]
+        return offset
+
+    @classmethod
+    def places(cls, nbytes: int) -> Any:
+        """Return the places of the fields in an array of values of ``nbytes`` each, a constant that kernels may use."""
+        offsets = {field: offset // nbytes for field, offset in cls.numba_type.offsets.items()}
+        return namedtuple(f"{cls.__name__}Places", offsets)(**offsets)
+
+    @classmethod
+    def record(cls, **fields: Any) -> tuple[Any, ...]:
         """Return the fields of one struct in their order, to assign to an element of an array of ``dtype``.
 
         Fields that are left out are 0.
@@ -97,44 +108,39 @@ class Struct:
         Raises:
             TypeError: there is no such field.
         """
-        names = self.dtype.names or ()
+        names = cls.dtype.names or ()
         if unknown := fields.keys() - set(names):
-            raise TypeError(f"{self.type.name} has no field {min(unknown)!r}")
+            raise TypeError(f"{cls.__name__} has no field {min(unknown)!r}")
         return tuple(map(fields.get, names, repeat(0)))
 
 
-def _layout(kind: Any) -> Any:
-    if isinstance(kind, _InlineArray):
-        return np.dtype((str(kind.scalar), (kind.count,)))
-    return np.dtype(str(kind)) if isinstance(kind, (types.Integer, types.Float)) else np.dtype(np.int64)
+def _layout(kind: Any, count: int | None) -> Any:
+    if count is not None:
+        return np.dtype((str(kind.dtype), (count,)))
+    return np.dtype(str(kind)) if isinstance(kind, types.Integer | types.Float) else np.dtype(np.int64)
 
 
-@_extending.register_model(_StructType)
-class _StructModel(_extending.models.PrimitiveModel):  # type: ignore[misc]  # Numba has no stubs for it
+@extending.register_model(_StructType)
+class _StructModel(extending.models.PrimitiveModel):  # type: ignore[misc]  # Numba has no stubs for it
     def __init__(self, manager: Any, struct: _StructType) -> None:
         super().__init__(manager, struct, ir.IntType(8).as_pointer())
 
 
-def _reference(struct: _StructType) -> Any:
-    def cast(typing_context: Any, address: Any) -> Any:
-        def generate(context: Any, builder: Any, sig: Any, args: Any) -> Any:
+def _define_constructor(cls: type[Struct]) -> None:
+    struct = cls.numba_type
+
+    def construct(typing_context: Any, *address: Any) -> Any:
+        def at_address(context: Any, builder: Any, sig: Any, args: Any) -> Any:
             return builder.inttoptr(args[0], context.get_value_type(struct))
 
-        return struct(types.int64), generate
-
-    return intrinsic(cast)
-
-
-def _on_stack(struct: _StructType) -> Any:
-    def allocate(typing_context: Any) -> Any:
-        def generate(context: Any, builder: Any, sig: Any, args: Any) -> Any:
+        def on_stack(context: Any, builder: Any, sig: Any, args: Any) -> Any:
             with builder.goto_entry_block():
                 memory = builder.alloca(ir.ArrayType(_I64, -(-struct.size // 8)))
             return builder.bitcast(memory, context.get_value_type(struct))
 
-        return struct(), generate
+        return (struct(types.int64), at_address) if address else (struct(), on_stack)
 
-    return intrinsic(allocate)
+    define_function(cls, construct)
 
 
 def _field_address(context: Any, builder: Any, struct: Any, reference: Any, name: str) -> Any:
@@ -164,9 +170,4 @@ def _emit_element(builder: Any, sig: Any, reference: Any, index: Any) -> Any:
 
 
 define_fields(_StructType, lambda struct, name: struct.fields.get(name), _load_field, _store_field)
-define_operator(
-    operator.getitem,
-    (_StructType, types.Integer),
-    _element_signature,
-    _emit_element,
-)
+define_operator(operator.getitem, (_StructType, types.Integer), _element_signature, _emit_element)

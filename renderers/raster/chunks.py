@@ -1,19 +1,20 @@
-"""Bins of a CHUNK's primitives, and the search for what lies in one of them.
+"""Bins of a chunk's primitives, and the search for what lies in one of them.
 
 The bins that a primitive touches are packed as ``last << 16 | first``, int32.
 """
 
 from __future__ import annotations
 
-import numpy as np
-
 from renderers.compiler import simd as vec
 from renderers.compiler.device_function import device_function, inlined
+from renderers.compiler.kernel_types import I64, i64
+from renderers.compiler.simd import Mask8
+from renderers.raster.layout import Chunk, RasterFrame
 from renderers.visibility_buffer import BAND_ROWS
 
 
 @device_function
-def bin_range(first_row, end_row, base_bin):
+def bin_range(first_row: I64, end_row: I64, base_bin: I64) -> tuple[I64, I64]:
     """Return the first and last bin of some rows.
 
     Args:
@@ -23,7 +24,7 @@ def bin_range(first_row, end_row, base_bin):
 
 
 @inlined
-def base_bin_of(frame, is_culled):
+def base_bin_of(frame: RasterFrame, is_culled: bool) -> I64:
     """Return the bin of the image's first band for a primitive; -1: nothing, since it is culled and not kept.
 
     Args:
@@ -35,8 +36,8 @@ def base_bin_of(frame, is_culled):
 
 
 @inlined
-def append_primitive(chunk, first_bin, last_bin):
-    """Keep the primitive that was written to ``primitives[count]`` of a CHUNK, with its bins.
+def append_primitive(chunk: Chunk, first_bin: I64, last_bin: I64) -> None:
+    """Keep the primitive that was written to ``primitives[count]`` of a Chunk, with its bins.
 
     If ``last_bin < first_bin`` it touches none, and the next primitive is written over it.
     """
@@ -46,27 +47,27 @@ def append_primitive(chunk, first_bin, last_bin):
 
 
 @inlined
-def bins_of(chunk, k):
-    """Return the first and last bin, int64, of a CHUNK's primitive ``k``."""
-    return np.int64(chunk.bins[k] & 0xFFFF), np.int64(chunk.bins[k] >> 16)
+def bins_of(chunk: Chunk, k: I64) -> tuple[I64, I64]:
+    """Return the first and last bin of a chunk's primitive ``k``."""
+    return i64(chunk.bins[k] & 0xFFFF), i64(chunk.bins[k] >> 16)
 
 
 @inlined
-def primitives_in_bin(chunk, k, bin_index):
-    """Return which of the eight primitives from ``k`` on touch a bin, a bit for each, int64."""
+def primitives_in_bin(chunk: Chunk, k: I64, bin_index: I64) -> I64:
+    """Return which of the eight primitives from ``k`` on touch a bin, a bit for each."""
     bins, searched = vec.load(chunk.bins, k), vec.i32(bin_index)
     first_bin, last_bin = bins & vec.i32(0xFFFF), bins >> vec.i32(16)
     return vec.movemask((first_bin <= searched) & (last_bin >= searched) & _used_lanes(k, chunk.count))
 
 
 @inlined
-def pixels_between(chunk, k, begin, end):
-    """Return which of the eight tiny triangles' pixels from ``k`` on are in ``begin .. end``, a bit for each, int64."""
+def pixels_between(chunk: Chunk, k: I64, begin: I64, end: I64) -> I64:
+    """Return which of the eight tiny triangles' pixels from ``k`` on are in ``begin .. end``, a bit for each."""
     pixels = vec.load(chunk.pixels, k)
     return vec.movemask((pixels >= vec.i32(begin)) & (pixels < vec.i32(end)) & _used_lanes(k, chunk.pixel_count))
 
 
 @inlined
-def _used_lanes(k, count):
+def _used_lanes(k: I64, count: I64) -> Mask8:
     """Return m8: lanes that hold one of ``count`` values, ``k`` of which come before the first lane."""
     return vec.iota() < vec.i32(count - k)

@@ -5,49 +5,49 @@ from __future__ import annotations
 from typing import Final
 
 import numpy as np
-from numba import types
 
 from renderers.compiler.device_function import device_function
+from renderers.compiler.kernel_types import F32, F64, I64, Pointer, f32, f64, i64
 from renderers.compiler.pointers import stack_array
 from renderers.raster.grid import snap_to_grid
-from renderers.raster.layout import GUARD_BAND, vertex_of
+from renderers.raster.layout import GUARD_BAND, Draw, RasterFrame, vertex_of
 
 PLANES: Final = 5
 MAX_POLYGON_VERTICES: Final = 24
 """Maximum vertices of a clipped triangle. A convex polygon has at most 3 + PLANES; each plane adds at most half of the
 vertices where rounding has bent it: 3 * 1.5^5 < 24."""
 
-corner_array: Final = stack_array(types.float64, 9)
+corner_array: Final = stack_array(F64, 9)
 """``corner_array()``: room for the three corners of a triangle in the camera's frame."""
-polygon_array: Final = stack_array(types.int64, 2 * MAX_POLYGON_VERTICES)
+polygon_array: Final = stack_array(I64, 2 * MAX_POLYGON_VERTICES)
 """``polygon_array()``: room for a polygon's corners in grid units, x and y in turn."""
-_points_array: Final = stack_array(types.float64, 3 * MAX_POLYGON_VERTICES)
-_clipped_array: Final = stack_array(types.float64, 3 * MAX_POLYGON_VERTICES)
-_vertex_indices_array: Final = stack_array(types.int64, MAX_POLYGON_VERTICES)
-_clipped_vertex_indices_array: Final = stack_array(types.int64, MAX_POLYGON_VERTICES)
+_points_array: Final = stack_array(F64, 3 * MAX_POLYGON_VERTICES)
+_clipped_array: Final = stack_array(F64, 3 * MAX_POLYGON_VERTICES)
+_vertex_indices_array: Final = stack_array(I64, MAX_POLYGON_VERTICES)
+_clipped_vertex_indices_array: Final = stack_array(I64, MAX_POLYGON_VERTICES)
 
 
 @device_function
-def camera_vertex(draw, index, out, k):
+def camera_vertex(draw: Draw, index: I64, out: Pointer[F64], k: I64) -> None:
     """Write a vertex of a draw in the camera's frame, metres, to point ``k`` of ``out``.
 
     Args:
         index: of the vertex in its mesh.
-        out: pointer to (N, 3) float64.
+        out: (N, 3).
     """
     p, m = draw.positions, draw.X_camera_mesh
-    x, y, z = np.float64(p[3 * index]), np.float64(p[3 * index + 1]), np.float64(p[3 * index + 2])
+    x, y, z = f64(p[3 * index]), f64(p[3 * index + 1]), f64(p[3 * index + 2])
     for row in range(3):
         out[3 * k + row] = m[4 * row] * x + m[4 * row + 1] * y + m[4 * row + 2] * z + m[4 * row + 3]
 
 
 @device_function
-def _plane_distance(frame, plane, points, k):
-    """Return how far a point lies inside the near plane (0) or a side of the guard band (1 to 4), float64.
+def _plane_distance(frame: RasterFrame, plane: I64, points: Pointer[F64], k: I64) -> F64:
+    """Return how far a point lies inside the near plane (0) or a side of the guard band (1 to 4).
 
     Args:
         plane: 0 to 4.
-        points: pointer to (N, 3) float64, metres in the camera's frame.
+        points: (N, 3), metres in the camera's frame.
         k: index of the point.
     """
     x, y, z = points[3 * k], points[3 * k + 1], points[3 * k + 2]
@@ -64,14 +64,16 @@ def _plane_distance(frame, plane, points, k):
 
 
 @device_function
-def _interpolate_at_plane(points, inside, d_inside, outside, d_outside, out, k):
+def _interpolate_at_plane(
+    points: Pointer[F64], inside: I64, d_inside: F64, outside: I64, d_outside: F64, out: Pointer[F64], k: I64
+) -> None:
     """Write the intersection of an edge and a plane to point ``k`` of ``out``.
 
     It is always computed from the inside end, so that two triangles with a common edge get the same point. It may
     replace the outside end (``out`` is ``points``): each coordinate is read before it is written.
 
     Args:
-        points, out: pointers to (N, 3) float64.
+        points, out: (N, 3).
         inside, outside: indices of the edge's ends in ``points``.
         d_inside, d_outside: their distances as from ``_plane_distance``.
     """
@@ -82,18 +84,18 @@ def _interpolate_at_plane(points, inside, d_inside, outside, d_outside, out, k):
 
 
 @device_function
-def project_to_pixels(frame, points, k):
-    """Return the pixel coordinates, float32, of a point that does not lie behind the near plane.
+def project_to_pixels(frame: RasterFrame, points: Pointer[F64], k: I64) -> tuple[F32, F32]:
+    """Return the pixel coordinates of a point that does not lie behind the near plane.
 
     Args:
         points, k: as for ``_plane_distance``.
     """
     x, y, inv_z = points[3 * k], points[3 * k + 1], 1.0 / points[3 * k + 2]
-    return np.float32(frame.fx * x * inv_z + frame.cx), np.float32(frame.fy * y * inv_z + frame.cy)
+    return f32(frame.fx * x * inv_z + frame.cx), f32(frame.fy * y * inv_z + frame.cy)
 
 
 @device_function
-def _is_finite(points, count):
+def _is_finite(points: Pointer[F64], count: I64) -> bool:
     """Return whether all coordinates of the first ``count`` points, as for ``_plane_distance``, are finite."""
     total = 0.0
     for k in range(3 * count):
@@ -102,12 +104,20 @@ def _is_finite(points, count):
 
 
 @device_function
-def _clip_at_plane(frame, plane, points, vertex_indices, count, clipped, clipped_vertex_indices):
+def _clip_at_plane(
+    frame: RasterFrame,
+    plane: I64,
+    points: Pointer[F64],
+    vertex_indices: Pointer[I64],
+    count: I64,
+    clipped: Pointer[F64],
+    clipped_vertex_indices: Pointer[I64],
+) -> I64:
     """Clip a polygon at one plane (Sutherland and Hodgman); return the number of points that are left.
 
     Args:
         plane: as for ``_plane_distance``.
-        points, vertex_indices: pointers to the polygon's ``count`` points, (N, 3) float64, and to the indices, int64,
+        points, vertex_indices: pointers to the polygon's ``count`` points, (N, 3), and to the indices,
             of the mesh's vertices that they are, or -1. A vertex of the mesh keeps exactly the grid position that
             neighbouring triangles use.
         clipped, clipped_vertex_indices: pointers to those of the result.
@@ -136,7 +146,7 @@ def _clip_at_plane(frame, plane, points, vertex_indices, count, clipped, clipped
 
 
 @device_function
-def clip_triangle(frame, draw, mesh_index, corners, polygon):
+def clip_triangle(frame: RasterFrame, draw: Draw, mesh_index: I64, corners: Pointer[F64], polygon: Pointer[I64]) -> I64:
     """Compute the visible part of a triangle.
 
     Args:
@@ -151,7 +161,7 @@ def clip_triangle(frame, draw, mesh_index, corners, polygon):
     points, clipped = _points_array(), _clipped_array()
     vertex_indices, clipped_vertex_indices = _vertex_indices_array(), _clipped_vertex_indices_array()
     for k in range(3):
-        index = np.int64(indices[3 * mesh_index + k])
+        index = i64(indices[3 * mesh_index + k])
         camera_vertex(draw, index, corners, k)
         vertex_indices[k] = index
         for axis in range(3):
@@ -177,11 +187,11 @@ def clip_triangle(frame, draw, mesh_index, corners, polygon):
 
 
 @device_function
-def clip_line(frame, ends):
+def clip_line(frame: RasterFrame, ends: Pointer[F64]) -> bool:
     """Clip a segment in place; return whether something is left.
 
     Args:
-        ends: pointer to its two ends, (2, 3) float64, metres in the camera's frame.
+        ends: pointer to its two ends, (2, 3), metres in the camera's frame.
     """
     if not _is_finite(ends, 2):
         return False

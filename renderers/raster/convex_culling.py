@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from renderers.compiler.device_function import inlined
 from renderers.compiler.jit import kernel
 from renderers.compiler.kernel_calls import is_set
+from renderers.compiler.kernel_types import F32, F64, I64, U32, U64, Address, Pointer, f32, f64, i64, u64
 from renderers.compiler.pointers import address_of, f32_at, f64_at, i64_at, u32_at
 from renderers.stop import current_stop
 
@@ -27,20 +28,20 @@ compute as 2e-16; as 0, it meets the start of the ring."""
 _BLOCK: Final = 1 << 16
 """Vertices or triangles between two checks of the stop flag: a mesh of millions takes a second."""
 
-_HASH_SEED: Final = np.uint64(0x9E3779B97F4A7C15)
+_HASH_SEED: Final = u64(0x9E3779B97F4A7C15)
 Bounds = tuple[float, float, float, float, float, float]
 
 
 @inlined
-def _hash(value):
+def _hash(value: U64) -> U64:
     """Return splitmix64's finalizer of a uint64."""
-    value = (value ^ (value >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
-    value = (value ^ (value >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)
-    return value ^ (value >> np.uint64(31))
+    value = (value ^ (value >> u64(30))) * u64(0xBF58476D1CE4E5B9)
+    value = (value ^ (value >> u64(27))) * u64(0x94D049BB133111EB)
+    return value ^ (value >> u64(31))
 
 
 @inlined
-def _measure(positions, vertex_count, out):
+def _measure(positions: Pointer[F32], vertex_count: I64, out: Pointer[F64]) -> bool:
     """Write centre and half extents of the bounding box; return False if a vertex is not finite.
 
     Args:
@@ -48,28 +49,28 @@ def _measure(positions, vertex_count, out):
         out: pointer to 8 float64, of which the last six are written, metres in the mesh's frame.
     """
     for axis in range(3):
-        low, high = np.float32(np.inf), np.float32(-np.inf)
+        low, high = f32(np.inf), f32(-np.inf)
         finite = True
         for k in range(vertex_count):
             value = positions[3 * k + axis]
-            finite = finite & (abs(value) < np.float32(1e18))
+            finite = finite & (abs(value) < f32(1e18))
             low, high = min(low, value), max(high, value)
         if not finite or vertex_count == 0:
             return False
-        out[2 + axis] = 0.5 * (np.float64(low) + np.float64(high))
-        out[5 + axis] = 0.5 * (np.float64(high) - np.float64(low))
+        out[2 + axis] = 0.5 * (f64(low) + f64(high))
+        out[5 + axis] = 0.5 * (f64(high) - f64(low))
     return True
 
 
 @inlined
-def _coincide(a, b, tolerance):
-    """Return whether two points, three float64 each, are equal in each coordinate, up to a tolerance, metres."""
+def _coincide(a: tuple[F64, F64, F64], b: tuple[F64, F64, F64], tolerance: F64) -> bool:
+    """Return whether two points are equal in each coordinate, up to a tolerance, metres."""
     return (abs(a[0] - b[0]) <= tolerance) & (abs(a[1] - b[1]) <= tolerance) & (abs(a[2] - b[2]) <= tolerance)
 
 
 @inlined
-def _from_center(positions, vertex, center):
-    """Return a vertex relative to a point, three float64 each, metres; ``vertex`` is its index."""
+def _from_center(positions: Pointer[F32], vertex: I64, center: tuple[F64, F64, F64]) -> tuple[F64, F64, F64]:
+    """Return a vertex relative to a point, metres; ``vertex`` is its index."""
     return (
         positions[3 * vertex] - center[0],
         positions[3 * vertex + 1] - center[1],
@@ -78,20 +79,27 @@ def _from_center(positions, vertex, center):
 
 
 @inlined
-def _faces_away(positions, indices, triangle_count, center, extent, stop_at):
+def _faces_away(
+    positions: Pointer[F32],
+    indices: Pointer[U32],
+    triangle_count: I64,
+    center: tuple[F64, F64, F64],
+    extent: F64,
+    stop_at: Address,
+) -> bool:
     """Return whether all triangles face away from a point; degenerate ones, as at a sphere's poles, may do anything.
 
     Args:
         triangle_count: number of triangles.
-        center: the point, three float64, metres.
+        center: the point, metres.
         extent: largest half extent of the mesh's box, metres.
     """
     for t in range(triangle_count):
         if t % _BLOCK == 0 and is_set(stop_at):
             return False
-        a = _from_center(positions, np.int64(indices[3 * t]), center)
-        b = _from_center(positions, np.int64(indices[3 * t + 1]), center)
-        c = _from_center(positions, np.int64(indices[3 * t + 2]), center)
+        a = _from_center(positions, i64(indices[3 * t]), center)
+        b = _from_center(positions, i64(indices[3 * t + 1]), center)
+        c = _from_center(positions, i64(indices[3 * t + 2]), center)
         normal_x, normal_y, normal_z = b[1] * c[2] - b[2] * c[1], b[2] * c[0] - b[0] * c[2], b[0] * c[1] - b[1] * c[0]
         volume = a[0] * normal_x + a[1] * normal_y + a[2] * normal_z
         if not volume > 0.0:
@@ -102,14 +110,22 @@ def _faces_away(positions, indices, triangle_count, center, extent, stop_at):
 
 
 @inlined
-def _clean_and_hash(positions, vertex_count, near_zero, cleaned, bits, hashes, stop_at):
+def _clean_and_hash(
+    positions: Pointer[F32],
+    vertex_count: I64,
+    near_zero: F32,
+    cleaned: Pointer[F32],
+    bits: Pointer[U32],
+    hashes: Pointer[I64],
+    stop_at: Address,
+) -> bool:
     """Write the cleaned positions and two hashes of each; return whether any position has changed.
 
     Args:
         vertex_count: number of positions.
-        near_zero: float32, metres: coordinates up to this count as 0.
-        cleaned: pointer to (vertex_count, 3) float32; ``bits``: the same memory as uint32.
-        hashes: pointer to (vertex_count, 2) int64.
+        near_zero: coordinates, metres, up to this count as 0.
+        cleaned: (vertex_count, 3); ``bits``: the same memory as uint32.
+        hashes: (vertex_count, 2).
     """
     changed = False
     for k in range(vertex_count):
@@ -118,17 +134,17 @@ def _clean_and_hash(positions, vertex_count, near_zero, cleaned, bits, hashes, s
         for axis in range(3):
             value = positions[3 * k + axis]
             is_zero = abs(value) <= near_zero
-            changed = changed | (is_zero & (value != np.float32(0.0)))
-            cleaned[3 * k + axis] = np.float32(0.0) if is_zero else value
-        xy_bits = np.uint64(bits[3 * k]) | (np.uint64(bits[3 * k + 1]) << np.uint64(32))
-        first_hash = _hash(_hash(xy_bits + _HASH_SEED) + np.uint64(bits[3 * k + 2]))
-        hashes[2 * k] = np.int64(first_hash)
-        hashes[2 * k + 1] = np.int64(_hash(first_hash + _HASH_SEED))
+            changed = changed | (is_zero & (value != f32(0.0)))
+            cleaned[3 * k + axis] = f32(0.0) if is_zero else value
+        xy_bits = u64(bits[3 * k]) | (u64(bits[3 * k + 1]) << u64(32))
+        first_hash = _hash(_hash(xy_bits + _HASH_SEED) + u64(bits[3 * k + 2]))
+        hashes[2 * k] = i64(first_hash)
+        hashes[2 * k + 1] = i64(_hash(first_hash + _HASH_SEED))
     return changed
 
 
 @inlined
-def _edge_sum(indices, triangle_count, hashes, stop_at):
+def _edge_sum(indices: Pointer[U32], triangle_count: I64, hashes: Pointer[I64], stop_at: Address) -> I64:
     """Return the sum over all edges from a to b of A(a) B(b) - A(b) B(a), modulo 2^64.
 
     A and B are the two hashes of a position. If each edge occurs as often in the other direction, the sum is 0;
@@ -138,21 +154,28 @@ def _edge_sum(indices, triangle_count, hashes, stop_at):
         triangle_count: number of triangles.
         hashes: as from ``_clean_and_hash``.
     """
-    edge_sum = np.int64(0)
+    edge_sum = i64(0)
     for t in range(triangle_count):
         if t % _BLOCK == 0 and is_set(stop_at):
-            return np.int64(1)
-        a, b, c = 2 * np.int64(indices[3 * t]), 2 * np.int64(indices[3 * t + 1]), 2 * np.int64(indices[3 * t + 2])
+            return i64(1)
+        a, b, c = 2 * i64(indices[3 * t]), 2 * i64(indices[3 * t + 1]), 2 * i64(indices[3 * t + 2])
         # The terms of its three edges, expanded around corner a.
         edge_sum += (hashes[b] - hashes[a]) * (hashes[c + 1] - hashes[a + 1])
         edge_sum -= (hashes[c] - hashes[a]) * (hashes[b + 1] - hashes[a + 1])
     return edge_sum
 
 
-@kernel("void(int64, int64, int64, int64, int64, int64, int64, int64)")
+@kernel
 def check_back_faces_hidden(
-    positions_at, vertex_count, indices_at, triangle_count, cleaned_at, hashes_at, out_at, stop_at
-):
+    positions_at: Address,
+    vertex_count: I64,
+    indices_at: Address,
+    triangle_count: I64,
+    cleaned_at: Address,
+    hashes_at: Address,
+    out_at: Address,
+    stop_at: Address,
+) -> None:
     """Check whether a mesh is closed and faces away from the centre of its bounding box everywhere.
 
     Args:
@@ -172,7 +195,7 @@ def check_back_faces_hidden(
     # Most other meshes fail here, at one of their first triangles.
     if not _faces_away(positions, indices, triangle_count, center, extent, stop_at):
         return
-    near_zero = np.float32(NEAR_ZERO * extent)
+    near_zero = f32(NEAR_ZERO * extent)
     changed = _clean_and_hash(positions, vertex_count, near_zero, cleaned, bits, hashes, stop_at)
     is_closed = _edge_sum(indices, triangle_count, hashes, stop_at) == 0 and triangle_count > 0
     out[0] = 1.0 if is_closed else 0.0

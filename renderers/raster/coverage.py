@@ -2,45 +2,50 @@
 
 from __future__ import annotations
 
-from typing import Final
-
-import numpy as np
-from numba import types
-
 from renderers.compiler import simd as vec
 from renderers.compiler.device_function import device_function, inlined
 from renderers.compiler.jit import kernel
 from renderers.compiler.kernel_calls import is_set
+from renderers.compiler.kernel_types import F32, I32, I64, Address, f64, i64
 from renderers.compiler.pointers import address, stack_array
-from renderers.compiler.structs import I64, Struct
+from renderers.compiler.simd import F64x8x2, I32x8
+from renderers.compiler.structs import Struct
 from renderers.raster.chunks import pixels_between, primitives_in_bin
 from renderers.raster.depth_test import ANY_ORDER, IN_ORDER, PEELED, depth_test, depth_test_pixel
-from renderers.raster.fill import make_fill
+from renderers.raster.fill import Pixel, make_fill
 from renderers.raster.layer import set_band_layer
 from renderers.raster.layout import (
     BACK_BIT,
+    BACK_FACES,
+    FRONT_FACES,
     HALF_PIXEL,
     KIND_SMALL,
-    LAYER,
     SUBPIXEL,
-    frame_at,
-    small_triangle_at,
+    Chunk,
+    Layer,
+    Primitive,
+    RasterFrame,
+    SmallTriangle,
 )
-from renderers.raster.small_triangles import PREPARED_TRIANGLE, draw_small, prepare_small
+from renderers.raster.small_triangles import PreparedTriangle, draw_small, prepare_small
 from renderers.visibility_buffer import BAND_ROWS
 
-_TARGET: Final = Struct("Target", {"layer": LAYER, "depth_rule": I64, "prepared": PREPARED_TRIANGLE})
-"""The layer that primitives are drawn into and its depth rule, and memory for a prepared small triangle."""
-_new_layer = LAYER.local
-_new_target = _TARGET.local
-_new_prepared = PREPARED_TRIANGLE.local
-_inv_z_array = stack_array(types.float32, vec.LANES)
-_span_array = stack_array(types.int32, 2 * vec.LANES)
+
+class _Target(Struct):
+    """The layer that primitives are drawn into and its depth rule, and memory for a prepared small triangle."""
+
+    layer: Layer
+    depth_rule: I64
+    prepared: PreparedTriangle
+
+
+_inv_z_array = stack_array(F32, vec.LANES)
+_span_array = stack_array(I32, 2 * vec.LANES)
 
 
 @inlined
-def _sample_points(frame, row):
-    """Return x, y of the sample points of eight rows, f64x8, grid units, as ``make_fill`` wants them.
+def _sample_points(frame: RasterFrame, row: I64) -> F64x8x2:
+    """Return x, y of the sample points of eight rows, grid units, as ``make_fill`` wants them.
 
     x, the offset from the pixel's centre, is 0; y counts from the image's top.
     """
@@ -49,13 +54,22 @@ def _sample_points(frame, row):
 
 
 @inlined
-def _draw_span_with_rule(frame, layer, depth_rule, primitive, row, start, stop, base_x, base_y):
+def _draw_span_with_rule(
+    frame: RasterFrame,
+    layer: Layer,
+    depth_rule: I64,
+    primitive: Primitive,
+    row: I64,
+    start: I64,
+    stop: I64,
+    base: Pixel,
+) -> None:
     """Draw the pixels ``start .. stop`` of a row with a depth rule, best a constant; as ``_draw_span``.
 
     1/z is exact to float32 at the first pixel of every vector, wherever the span starts.
     """
     dx = primitive.inv_z_dx
-    row_inv_z = primitive.inv_z_base + primitive.inv_z_dy * np.float64(row - base_y)
+    row_inv_z = primitive.inv_z_base + primitive.inv_z_dy * f64(row - base.y)
     inv_z_min, inv_z_max = vec.f32(primitive.inv_z_min), vec.f32(primitive.inv_z_max)
     ids, lane = vec.i32(primitive.id), vec.iota()
     # Strips of eight vectors of eight columns. 1/z at the first pixel of each vector is computed in float64, for all of
@@ -63,10 +77,10 @@ def _draw_span_with_rule(frame, layer, depth_rule, primitive, row, start, stop, 
     first_inv_z = _inv_z_array()
     first_offsets = vec.to_f64(lane * vec.i32(vec.LANES))
     lane_inv_z = vec.f32(dx) * vec.to_f32(lane)
-    aligned_start = start & ~np.int64(vec.LANES - 1)
+    aligned_start = start & ~i64(vec.LANES - 1)
     pixel = (row - layer.first_row) * frame.stride + aligned_start
     for strip_column in range(aligned_start, stop, vec.LANES * vec.LANES):
-        from_base = vec.f64(strip_column - base_x) + first_offsets
+        from_base = vec.f64(strip_column - base.x) + first_offsets
         vec.store(first_inv_z, 0, vec.to_f32(vec.f64(row_inv_z) + vec.f64(dx) * from_base))
         columns = vec.i32(strip_column) + lane
         for k in range(min((stop - strip_column + vec.LANES - 1) // vec.LANES, vec.LANES)):
@@ -78,35 +92,52 @@ def _draw_span_with_rule(frame, layer, depth_rule, primitive, row, start, stop, 
 
 
 @device_function
-def _draw_span(frame, target, primitive, row, start, stop, base_x, base_y):
+def _draw_span(
+    frame: RasterFrame,
+    target: _Target,
+    primitive: Primitive,
+    row: I64,
+    start: I64,
+    stop: I64,
+    base: Pixel,
+) -> None:
     """Draw the pixels ``start .. stop`` of a row."""
     # Inlined twice: with the constant IN_ORDER, the code of the other rules is dropped.
     if target.depth_rule == IN_ORDER:
-        _draw_span_with_rule(frame, target.layer, IN_ORDER, primitive, row, start, stop, base_x, base_y)
+        _draw_span_with_rule(frame, target.layer, IN_ORDER, primitive, row, start, stop, base)
     else:
-        _draw_span_with_rule(frame, target.layer, target.depth_rule, primitive, row, start, stop, base_x, base_y)
+        _draw_span_with_rule(frame, target.layer, target.depth_rule, primitive, row, start, stop, base)
 
 
 @inlined
-def _draw_spans(frame, target, primitive, row, count, start, stop, base_x, base_y):
-    """Draw ``count`` rows from ``row`` on, each in the columns of its lane of ``start`` and ``stop``, i32x8."""
+def _draw_spans(
+    frame: RasterFrame,
+    target: _Target,
+    primitive: Primitive,
+    row: I64,
+    count: I64,
+    start: I32x8,
+    stop: I32x8,
+    base: Pixel,
+) -> None:
+    """Draw ``count`` rows from ``row`` on, each in the columns of its lane of ``start`` and ``stop``."""
     spans = _span_array()
     vec.store(spans, 0, start)
     vec.store(spans, vec.LANES, stop)
     for k in range(count):
-        row_start, row_stop = np.int64(spans[k]), np.int64(spans[vec.LANES + k])
+        row_start, row_stop = i64(spans[k]), i64(spans[vec.LANES + k])
         if row_start < row_stop:
-            _draw_span(frame, target, primitive, row + k, row_start, row_stop, base_x, base_y)
+            _draw_span(frame, target, primitive, row + k, row_start, row_stop, base)
 
 
 @inlined
-def _draw_point(frame, target, primitive, first_row, end_row):
+def _draw_point(frame: RasterFrame, target: _Target, primitive: Primitive, first_row: I64, end_row: I64) -> None:
     """Draw a KIND_POINT."""
     values = primitive.values
-    left, top, right, bottom = np.int64(values[0]), np.int64(values[1]), np.int64(values[2]), np.int64(values[3])
+    left, top, right, bottom = i64(values[0]), i64(values[1]), i64(values[2]), i64(values[3])
     # 1/z is constant, so that any pixel serves as base.
     for row in range(max(top, first_row), min(bottom, end_row)):
-        _draw_span(frame, target, primitive, row, left, right, left, top)
+        _draw_span(frame, target, primitive, row, left, right, Pixel(left, top))
 
 
 # Draws large primitives. For every eight rows it calls _sample_points, finds the columns, and calls _draw_spans with
@@ -115,10 +146,10 @@ _fill = make_fill(vec.LANES, _sample_points, _draw_spans, _draw_point)
 
 
 @device_function
-def _draw_primitive(frame, target, primitive, first_row, end_row):
-    """Draw some rows of a PRIMITIVE or SMALL_TRIANGLE."""
+def _draw_primitive(frame: RasterFrame, target: _Target, primitive: Primitive, first_row: I64, end_row: I64) -> None:
+    """Draw some rows of a Primitive or SmallTriangle."""
     if primitive.kind == KIND_SMALL:
-        prepare_small(frame, small_triangle_at(address(primitive)), first_row, end_row, target.prepared)
+        prepare_small(frame, SmallTriangle(address(primitive)), first_row, end_row, target.prepared)
         if target.depth_rule == IN_ORDER:  # inlined twice, as in _draw_span
             draw_small(frame, target.layer, IN_ORDER, target.prepared)
         else:
@@ -128,7 +159,7 @@ def _draw_primitive(frame, target, primitive, first_row, end_row):
 
 
 @device_function
-def _clear_rows(frame, layer, first_row, end_row):
+def _clear_rows(frame: RasterFrame, layer: Layer, first_row: I64, end_row: I64) -> None:
     """Clear a layer's rows."""
     begin, end = (first_row - layer.first_row) * frame.stride, (end_row - layer.first_row) * frame.stride
     # Nothing beyond this 1/z passes the depth test: the far plane needs no test of its own.
@@ -141,11 +172,11 @@ def _clear_rows(frame, layer, first_row, end_row):
 
 
 @device_function
-def _draw_pixels(frame, target, chunk, begin, end):
-    """Draw some of a CHUNK's pixels of tiny triangles.
+def _draw_pixels(frame: RasterFrame, target: _Target, chunk: Chunk, begin: I64, end: I64) -> None:
+    """Draw some of a chunk's pixels of tiny triangles.
 
     Args:
-        begin, end: range of values as in CHUNK.pixels; those of kept back faces have BACK_BIT, and are negative.
+        begin, end: range of values as in Chunk.pixels; those of kept back faces have BACK_BIT, and are negative.
     """
     layer, depth_rule = target.layer, target.depth_rule
     layer_begin = layer.first_row * frame.stride
@@ -154,14 +185,14 @@ def _draw_pixels(frame, target, chunk, begin, end):
         while pending != 0:
             j = k + vec.lowest_bit(pending)
             pending &= pending - 1
-            pixel = np.int64(chunk.pixels[j] & ~BACK_BIT) - layer_begin
+            pixel = i64(chunk.pixels[j] & ~BACK_BIT) - layer_begin
             depth_test_pixel(frame, layer, depth_rule, pixel, chunk.pixel_inv_z[j], chunk.pixel_ids[j])
 
 
 @inlined
-def _depth_rule(frame, back_faces):
-    """Return the rule of ``depth_test``; ``back_faces`` as for ``draw_band``."""
-    if back_faces != 0:
+def _depth_rule(frame: RasterFrame, faces: I64) -> I64:
+    """Return the rule of ``depth_test``; ``faces`` as for ``draw_band``."""
+    if faces == BACK_FACES:
         # Drawn after the front faces, some of which have higher ids. Never PEELED: only opaque frames keep back faces.
         return ANY_ORDER
     # A pass of depth peeling has layers that bound it, or takes the latest primitive.
@@ -170,13 +201,13 @@ def _depth_rule(frame, back_faces):
 
 
 @device_function
-def _draw_chunk(frame, target, chunk, first_row, end_row, back_faces):
-    """Draw what a CHUNK has in a band; ``back_faces`` as for ``draw_band``.
+def _draw_chunk(frame: RasterFrame, target: _Target, chunk: Chunk, first_row: I64, end_row: I64, faces: I64) -> None:
+    """Draw what a Chunk has in a band; ``faces`` as for ``draw_band``.
 
     Primitives are drawn in the order of their ids; pixels of tiny triangles compare ids themselves.
     """
     bin_index, begin_pixel, end_pixel = first_row // BAND_ROWS, first_row * frame.stride, end_row * frame.stride
-    if back_faces != 0:
+    if faces == BACK_FACES:
         # With BACK_BIT, the sign bit of int32, pixels are negative and in the same order. So a range of front faces'
         # pixels has none of back faces, and the other way round.
         bin_index += frame.first_back_bin
@@ -189,20 +220,20 @@ def _draw_chunk(frame, target, chunk, first_row, end_row, back_faces):
     _draw_pixels(frame, target, chunk, begin_pixel, end_pixel)
 
 
-@kernel("void(int64, int64, int64, int64, int64)")
-def draw_band(frame_address, first_row, end_row, band_memory, back_faces):
+@kernel
+def draw_band(frame_address: Address, first_row: I64, end_row: I64, band_memory: Address, faces: I64) -> None:
     """Rasterize a band.
 
     Args:
-        frame_address: address of a FRAME.
-        back_faces: 0: draw all but the back faces that are kept, into a cleared layer; 1: draw these on top of it.
+        frame_address: address of a RasterFrame.
+        faces: FRONT_FACES or BACK_FACES.
     """
-    frame = frame_at(frame_address)
-    layer, target = _new_layer(), _new_target()
+    frame = RasterFrame(frame_address)
+    layer, target = Layer(), _Target()
     set_band_layer(frame, layer, first_row, band_memory)
-    target.layer, target.prepared = layer, _new_prepared()
-    target.depth_rule = _depth_rule(frame, back_faces)
-    if back_faces == 0:
+    target.layer, target.prepared = layer, PreparedTriangle()
+    target.depth_rule = _depth_rule(frame, faces)
+    if faces == FRONT_FACES:
         _clear_rows(frame, layer, first_row, end_row)
     band = first_row // BAND_ROWS
     for index in range(frame.chunk_count):
@@ -210,4 +241,4 @@ def draw_band(frame_address, first_row, end_row, band_memory, back_faces):
         if chunk.first_band <= band and band <= chunk.last_band:
             if is_set(frame.stop):
                 break
-            _draw_chunk(frame, target, chunk, first_row, end_row, back_faces)
+            _draw_chunk(frame, target, chunk, first_row, end_row, faces)

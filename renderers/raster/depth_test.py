@@ -8,11 +8,12 @@ from __future__ import annotations
 
 from typing import Final
 
-import numpy as np
-
 from renderers.compiler import simd as vec
 from renderers.compiler.device_function import device_function, inlined
+from renderers.compiler.kernel_types import F32, I32, I64, i64
 from renderers.compiler.pointers import f32_at, i32_at
+from renderers.compiler.simd import F32x8, I32x8, Mask8
+from renderers.raster.layout import Layer, RasterFrame
 
 IN_ORDER: Final = 0
 """For primitives drawn in the order of their ids: of two at the same depth the one drawn last is seen."""
@@ -23,7 +24,7 @@ ANY_ORDER: Final = 2
 
 
 @device_function
-def _is_between(frame, pixel, inv_z, ids):
+def _is_between(frame: RasterFrame, pixel: I64, inv_z: F32x8, ids: I32x8) -> Mask8:
     """Return m8: pixels that the frame's layers leave over, as far as it has them: beyond ``beyond`` by depth, then id;
     not behind ``before`` by depth; with ids below those of ``earlier``."""
     zero = vec.i32(0)
@@ -43,7 +44,9 @@ def _is_between(frame, pixel, inv_z, ids):
 
 
 @inlined
-def depth_test(frame, layer, depth_rule, pixel, inv_z, covered, ids):
+def depth_test(
+    frame: RasterFrame, layer: Layer, depth_rule: I64, pixel: I64, inv_z: F32x8, covered: Mask8, ids: I32x8
+) -> None:
     """Write those of eight pixels that are covered and not behind the layer.
 
     With the frame's ``takes_latest`` the layer's 1/z stays, and higher ids win.
@@ -66,13 +69,10 @@ def depth_test(frame, layer, depth_rule, pixel, inv_z, covered, ids):
 
 
 @device_function
-def depth_test_pixel(frame, layer, depth_rule, pixel, inv_z, primitive_id):
-    """Write one covered pixel if it is not behind the layer, as ``depth_test``, in any order of primitives.
-
-    Args:
-        inv_z: float32.
-        primitive_id: int32.
-    """
+def depth_test_pixel(
+    frame: RasterFrame, layer: Layer, depth_rule: I64, pixel: I64, inv_z: F32, primitive_id: I32
+) -> None:
+    """Write one covered pixel if it is not behind the layer, as ``depth_test``, in any order of primitives."""
     old_inv_z = layer.inv_z[pixel]
     old_id = layer.ids[pixel]
     # Without a branch: which of two overlapping meshes is nearer cannot be predicted.
@@ -87,11 +87,11 @@ def depth_test_pixel(frame, layer, depth_rule, pixel, inv_z, primitive_id):
 
 
 @device_function
-def _is_pixel_between(frame, pixel, inv_z, primitive_id):
+def _is_pixel_between(frame: RasterFrame, pixel: I64, inv_z: F32, primitive_id: I32) -> Mask8:
     """Return m8: the lane of one pixel, if it passes ``_is_between``.
 
     The layers are read from the start of the pixel's vector, so not past the image.
     """
-    start = pixel & ~np.int64(vec.LANES - 1)
+    start = pixel & ~i64(vec.LANES - 1)
     lane = vec.iota() == vec.i32(pixel - start)
     return lane & _is_between(frame, start, vec.f32(inv_z), vec.i32(primitive_id))

@@ -9,24 +9,36 @@ two triangles with a common edge, exactly one covers each point.
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any, NamedTuple
-
-import numpy as np
+from typing import Any, NamedTuple, TypeVar
 
 from renderers.compiler import simd as vec
 from renderers.compiler.device_function import device_function, inlined
+from renderers.compiler.kernel_types import F64, I64, Pointer, f64, i64
+from renderers.compiler.simd import F64x8, I32x8, I32x8x2
+from renderers.compiler.structs import Struct
 from renderers.raster.clip import clip_triangle, corner_array, polygon_array
 from renderers.raster.grid import first_center, pixel_box
-from renderers.raster.layout import HALF_PIXEL, KIND_CLIPPED, KIND_LINE, KIND_POINT, KIND_TRIANGLE, SUBPIXEL
+from renderers.raster.layout import (
+    HALF_PIXEL,
+    KIND_CLIPPED,
+    KIND_LINE,
+    KIND_POINT,
+    KIND_TRIANGLE,
+    SUBPIXEL,
+    Primitive,
+    RasterFrame,
+)
+
+Target = TypeVar("Target", bound=Struct)
 
 
 @inlined
-def _first_column_right_of(xa, ya, xb, yb, x, y):
-    """Return the first pixel column (i32x8) whose sample point is on or right of the edge a -> b.
+def _first_column_right_of(xa: F64, ya: F64, xb: F64, yb: F64, x: F64x8, y: F64x8) -> I32x8:
+    """Return the first pixel column whose sample point is on or right of the edge a -> b.
 
     Args:
         xa, ya, xb, yb: float64 integers, grid units; ya != yb.
-        x, y: f64x8, grid units: the point's offset across from the pixel's centre, and its position down.
+        x, y: grid units: the point's offset across from the pixel's centre, and its position down.
     """
     dy = vec.f64(yb - ya)
     numerator = vec.f64(xb - xa) * (y - vec.f64(ya)) + (vec.f64(xa - HALF_PIXEL) - x) * dy
@@ -36,23 +48,23 @@ def _first_column_right_of(xa, ya, xb, yb, x, y):
 
 
 @device_function
-def inv_z_origin(primitive):
-    """Return the column and row, int64, of the pixel at whose centre 1/z is ``inv_z_base``."""
+def inv_z_origin(primitive: Primitive) -> Pixel:
+    """Return the pixel at whose centre 1/z is ``inv_z_base``."""
     values, kind = primitive.values, primitive.kind
-    x0, y0 = np.int64(values[0]), np.int64(values[1])
+    x0, y0 = i64(values[0]), i64(values[1])
     if kind == KIND_TRIANGLE:
-        x1, y1, x2, y2 = np.int64(values[2]), np.int64(values[3]), np.int64(values[4]), np.int64(values[5])
-        return first_center(min(x0, x1, x2)), first_center(min(y0, y1, y2))
+        x1, y1, x2, y2 = i64(values[2]), i64(values[3]), i64(values[4]), i64(values[5])
+        return Pixel(first_center(min(x0, x1, x2)), first_center(min(y0, y1, y2)))
     if kind == KIND_LINE:
-        corner = np.int64(values[5])
-        return corner & 0xFFFF, corner >> 16
+        corner = i64(values[5])
+        return Pixel(corner & 0xFFFF, corner >> 16)
     if kind == KIND_CLIPPED:
-        return x0, y0
-    return np.int64(0), np.int64(0)
+        return Pixel(x0, y0)
+    return Pixel(i64(0), i64(0))
 
 
 @device_function
-def _polygon_of(frame, primitive, polygon):
+def _polygon_of(frame: RasterFrame, primitive: Primitive, polygon: Pointer[I64]) -> I64:
     """Write the corners of a triangle, of a line's parallelogram or of a clipped triangle; return their number.
 
     Args:
@@ -64,8 +76,8 @@ def _polygon_of(frame, primitive, polygon):
             polygon[k] = values[k]
         return 3
     if kind == KIND_LINE:
-        x0, y0, x1, y1 = np.int64(values[0]), np.int64(values[1]), np.int64(values[2]), np.int64(values[3])
-        half_width = np.int64(values[4])
+        x0, y0, x1, y1 = i64(values[0]), i64(values[1]), i64(values[2]), i64(values[3])
+        half_width = i64(values[4])
         # As GL's aliased lines: widened along the minor axis, so that a width of 1 is one pixel per step.
         is_steep = abs(x1 - x0) < abs(y1 - y0)
         dx, dy = half_width * is_steep, half_width * (not is_steep)
@@ -73,22 +85,29 @@ def _polygon_of(frame, primitive, polygon):
         polygon[4], polygon[5], polygon[6], polygon[7] = x1 + dx, y1 + dy, x0 + dx, y0 + dy
         return 4
     draw = frame.draws[values[2]]
-    return clip_triangle(frame, draw, np.int64(primitive.id) - draw.first_id, corner_array(), polygon)
+    return clip_triangle(frame, draw, i64(primitive.id) - draw.first_id, corner_array(), polygon)
+
+
+class Pixel(NamedTuple):
+    """Column and row of a pixel of the image, or off it."""
+
+    x: I64
+    y: I64
 
 
 class _Corners(NamedTuple):
     """Corners of a clockwise triangle, int64, grid units."""
 
-    x0: Any
-    y0: Any
-    x1: Any
-    y1: Any
-    x2: Any
-    y2: Any
+    x0: I64
+    y0: I64
+    x1: I64
+    y1: I64
+    x2: I64
+    y2: I64
 
 
 @inlined
-def _triangle_of(polygon, corner):
+def _triangle_of(polygon: Pointer[I64], corner: I64) -> tuple[_Corners, I64]:
     """Return the _Corners 0, ``corner - 1`` and ``corner`` of a polygon, and twice their area, square grid units.
 
     Args:
@@ -103,8 +122,8 @@ def _triangle_of(polygon, corner):
 
 
 @inlined
-def _limit_by_edge(start, stop, xa, ya, xb, yb, x, y):
-    """Narrow the columns ``start .. stop`` (i32x8) of rows to the inner side of a clockwise triangle's edge a -> b.
+def _limit_by_edge(start: I32x8, stop: I32x8, xa: F64, ya: F64, xb: F64, yb: F64, x: F64x8, y: F64x8) -> I32x8x2:
+    """Narrow the columns ``start .. stop`` of rows to the inner side of a clockwise triangle's edge a -> b.
 
     Args:
         xa, ya, xb, yb, x, y: as for ``_first_column_right_of``.
@@ -117,17 +136,16 @@ def _limit_by_edge(start, stop, xa, ya, xb, yb, x, y):
 
 
 @inlined
-def _covered_columns(corners, left, right, x, y):
-    """Return the columns ``start .. stop`` in which each sample point is covered, i32x8 each.
+def _covered_columns(corners: _Corners, left: I64, right: I64, x: F64x8, y: F64x8) -> I32x8x2:
+    """Return the columns ``start .. stop`` in which each sample point is covered.
 
     Args:
-        corners: _Corners.
-        left, right: limits of the columns, int64.
+        left, right: limits of the columns.
         x, y: as for ``_first_column_right_of``.
     """
-    x0, y0 = np.float64(corners.x0), np.float64(corners.y0)
-    x1, y1 = np.float64(corners.x1), np.float64(corners.y1)
-    x2, y2 = np.float64(corners.x2), np.float64(corners.y2)
+    x0, y0 = f64(corners.x0), f64(corners.y0)
+    x1, y1 = f64(corners.x1), f64(corners.y1)
+    x2, y2 = f64(corners.x2), f64(corners.y2)
     start, stop = vec.i32(left), vec.i32(right)
     start, stop = _limit_by_edge(start, stop, x0, y0, x1, y1, x, y)
     start, stop = _limit_by_edge(start, stop, x1, y1, x2, y2, x, y)
@@ -145,14 +163,22 @@ def make_fill(
         rows: number of rows whose spans are found at a time: 8, each lane is a row; or 1, each lane is a sample.
         sample_points: ``sample_points(frame, row)`` returns the sample points of ``rows`` rows from ``row`` on, as two
             f64x8 in grid units: their offset across from the pixel's centre, and their position down.
-        draw_spans: ``draw_spans(frame, target, primitive, row, count, start, stop, base_x, base_y)`` draws ``count``
-            of these rows. Each point is covered in the columns ``start .. stop`` (i32x8). ``base_x, base_y`` is the
+        draw_spans: ``draw_spans(frame, target, primitive, row, count, start, stop, base)`` draws ``count``
+            of these rows. Each point is covered in the columns ``start .. stop`` (i32x8). ``base`` is the
             pixel that ``primitive.inv_z_base`` belongs to.
         draw_point: ``draw_point(frame, target, primitive, first_row, end_row)`` draws a KIND_POINT.
     """
 
     @device_function
-    def fill_triangle(frame, target, primitive, polygon, corner, first_row, end_row):
+    def fill_triangle(
+        frame: RasterFrame,
+        target: Target,
+        primitive: Primitive,
+        polygon: Pointer[I64],
+        corner: I64,
+        first_row: I64,
+        end_row: I64,
+    ) -> None:
         """Draw the triangle of a polygon's corners 0, ``corner - 1`` and ``corner``; ``polygon``: ``polygon_array``."""
         corners, area = _triangle_of(polygon, corner)
         x0, y0, x1, y1, x2, y2 = corners
@@ -161,15 +187,15 @@ def make_fill(
         box = pixel_box(frame, min_x, min_y, max_x, max_y, frame.sample_reach)
         if area == 0 or box.left >= box.right:
             return
-        base_x, base_y = inv_z_origin(primitive)
+        base = inv_z_origin(primitive)
         bottom = min(box.bottom, end_row)
         for row in range(max(box.top, first_row), bottom, rows):
             x, y = sample_points(frame, row)
             start, stop = _covered_columns(corners, box.left, box.right, x, y)
-            draw_spans(frame, target, primitive, row, min(bottom - row, rows), start, stop, base_x, base_y)
+            draw_spans(frame, target, primitive, row, min(bottom - row, rows), start, stop, base)
 
     @device_function
-    def fill(frame, target, primitive, first_row, end_row):
+    def fill(frame: RasterFrame, target: Target, primitive: Primitive, first_row: I64, end_row: I64) -> None:
         if primitive.kind == KIND_POINT:
             draw_point(frame, target, primitive, first_row, end_row)
             return
@@ -178,4 +204,4 @@ def make_fill(
         for corner in range(2, count):
             fill_triangle(frame, target, primitive, polygon, corner, first_row, end_row)
 
-    return fill  # type: ignore[no-any-return]  # device functions are untyped
+    return fill

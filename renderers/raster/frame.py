@@ -1,4 +1,4 @@
-"""One rasterization: fills a FRAME for the kernels, and makes the task that threads share."""
+"""One rasterization: fills a RasterFrame for the kernels, and makes the task that threads share."""
 
 from __future__ import annotations
 
@@ -14,13 +14,14 @@ from renderers.camera import Camera
 from renderers.compiler.kernel_calls import YIELD_ADDRESS, kernel_address
 from renderers.compiler.pointers import address_of, aligned_parts
 from renderers.compiler.simd import LANES
-from renderers.msaa import SAMPLE_BAND, lane_lists, sample_offsets
+from renderers.msaa import SampleBand, lane_lists, sample_offsets
 from renderers.raster.coverage import draw_band
 from renderers.raster.frame_phases import run_phases
 from renderers.raster.frame_setup import set_up_frame
-from renderers.raster.layout import CHUNK, CHUNK_SIZE, CHUNK_VALUES, DRAW, FRAME, PRIMITIVE
+from renderers.raster.layout import CHUNK_SIZE, CHUNK_VALUES, Chunk, Draw, Primitive, RasterFrame
 from renderers.raster.msaa.edges import draw_samples, find_edges
-from renderers.raster.resolve import resolve_band, resolve_normals
+from renderers.raster.resolve import resolve_band
+from renderers.raster.resolve_normals import resolve_normals
 from renderers.raster.scene import PreparedScene
 from renderers.raster.setup import setup
 from renderers.raster.transform import transform
@@ -72,10 +73,10 @@ class FrameJob:
         # The task and what its kernels read must outlive them.
         self._keep: list[object] = [prepared, work_memory]
         # Not in ``work_memory``: late helper threads read it after the job is gone.
-        memory = np.zeros(FRAME.size // 8, np.int64)
-        self._frame, self._frame_address = memory.view(FRAME.dtype), address_of(memory, np.int64)
+        memory = np.zeros(RasterFrame.nbytes // 8, np.int64)
+        self._frame, self._frame_address = memory.view(RasterFrame.dtype), address_of(memory, np.int64)
         depth, label, instance, normal = outputs
-        self._frame[0] = FRAME.record(
+        self._frame[0] = RasterFrame.record(
             stride=self.stride,
             samples=samples,
             max_threads=threads,
@@ -163,7 +164,7 @@ class FrameJob:
         """Return the work for threads to share.
 
         Args:
-            shade_job: address of a HEADLIGHT_JOB: every band is shaded while it is in the cache; 0: none.
+            shade_job: address of HeadlightInputs: every band is shaded while it is in the cache; 0: none.
         """
         frame = self._frame
         if shade_job:
@@ -174,26 +175,26 @@ class FrameJob:
         """``task`` for several samples per pixel.
 
         Args:
-            bands: address of a SAMPLE_BAND for each thread.
+            bands: address of a SampleBand for each thread.
             memory: their memory.
         """
         self._keep += [memory, shader]
         frame = self._frame
         frame["draw_kernel"], frame["edges_kernel"] = _kernel_address(draw_samples), _kernel_address(find_edges)
         frame["shade_kernel"], frame["shade_job"] = shader.kernel, shader.job
-        frame["band_memory"], frame["band_memory_bytes"] = bands, SAMPLE_BAND.size
+        frame["band_memory"], frame["band_memory_bytes"] = bands, SampleBand.nbytes
         return Task(frame, self._frame_address, self._useful_threads)
 
 
 def _work_sizes(instances: int, vertices: int, primitives: int) -> dict[str, int]:
-    """Return the bytes of the frame's arrays, by field of FRAME."""
+    """Return the bytes of the frame's arrays, by field of RasterFrame."""
     chunks = -(-primitives // CHUNK_SIZE)
     return {
         "X_camera_mesh": 128 * instances,
-        "draws": (instances + 1) * DRAW.size,
+        "draws": (instances + 1) * Draw.nbytes,
         "vertices": 16 * vertices,
-        "primitives": chunks * CHUNK_SIZE * PRIMITIVE.size,
-        "chunks": chunks * CHUNK.size,
+        "primitives": chunks * CHUNK_SIZE * Primitive.nbytes,
+        "chunks": chunks * Chunk.nbytes,
         "chunk_memory": 4 * chunks * CHUNK_VALUES,
     }
 
@@ -202,11 +203,11 @@ def _work_sizes(instances: int, vertices: int, primitives: int) -> dict[str, int
 class Task:
     """A frame's work, for every thread that takes part.
 
-    What it works on must live until the frame is finished. Threads that come later read the FRAME only.
+    What it works on must live until the frame is finished. Threads that come later read the RasterFrame only.
     """
 
     frame: NDArray[np.void]
-    """(1,) FRAME."""
+    """(1,) RasterFrame."""
     address: int
     """Address of ``frame``."""
     threads: int
@@ -226,7 +227,7 @@ _kernel_address: Final = cache(kernel_address)
 
 @cache
 def _sample_fields(samples: int) -> tuple[dict[str, int], object]:
-    """Return the fields of FRAME for several samples per pixel, and the arrays that they point to."""
+    """Return the fields of RasterFrame for several samples per pixel, and the arrays that they point to."""
     offsets, lanes = sample_offsets(samples), lane_lists()
     fields = {
         "sample_reach": int(np.abs(offsets).max()),

@@ -6,8 +6,9 @@ from typing import Final
 
 from renderers.compiler.device_function import inlined
 from renderers.compiler.jit import kernel
+from renderers.compiler.kernel_types import I64, Address
 from renderers.raster.instance_transforms import collect_draws, compute_camera_poses
-from renderers.raster.layout import CHUNK_SIZE, frame_at
+from renderers.raster.layout import CHUNK_SIZE, RasterFrame
 from renderers.visibility_buffer import BAND_ROWS
 
 MIN_VERTICES: Final = 4096
@@ -18,15 +19,15 @@ SMALL_WORK: Final = 60_000
 """Samples plus 4 x primitives below which a frame takes less time than waking another thread."""
 
 
-@kernel("int64(int64)", releases_gil=False)
-def set_up_frame(frame_address):
-    """Compute the last fields of a FRAME.
+@kernel(releases_gil=False)
+def set_up_frame(frame_address: Address) -> I64:
+    """Compute the last fields of a RasterFrame.
 
     Returns:
         Maximum number of threads that can share the frame; 0 if the camera's pose is not affine or has no inverse. Then
         the caller has to fill ``X_camera_mesh`` and set ``poses_ready``, and call again.
     """
-    frame = frame_at(frame_address)
+    frame = RasterFrame(frame_address)
     if frame.poses_ready == 0 and not compute_camera_poses(frame):
         return 0
     keeps_back_faces = collect_draws(frame) > 0 and frame.keep_back_faces != 0
@@ -46,6 +47,6 @@ def set_up_frame(frame_address):
 
 
 @inlined
-def _quotient_up(a, b):
+def _quotient_up(a: I64, b: I64) -> I64:
     """Return a / b, rounded up; int64."""
     return (a + b - 1) // b

@@ -2,41 +2,45 @@
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import Generic, NamedTuple, TypeVar
 
 import numpy as np
 
 from renderers.compiler.device_function import device_function, inlined
-from renderers.raster.layout import HALF_PIXEL, SUBPIXEL, SUBPIXEL_BITS
+from renderers.compiler.kernel_types import F32, I64, f32, i64
+from renderers.compiler.simd import I32x8
+from renderers.raster.layout import HALF_PIXEL, SUBPIXEL, SUBPIXEL_BITS, RasterFrame
+
+N = TypeVar("N", I64, I32x8)
 
 
-class Box(NamedTuple):
+class Box(NamedTuple, Generic[N]):
     """Pixels whose centre, or one of whose samples, may be covered: int64, or i32x8 for eight triangles."""
 
-    left: Any
+    left: N
     """First column."""
-    top: Any
+    top: N
     """First row."""
-    right: Any
+    right: N
     """One past the last column."""
-    bottom: Any
+    bottom: N
     """One past the last row."""
 
 
 @device_function
-def snap_to_grid(value):
-    """Return the grid coordinate, int64, of a value in pixels, float32. The product is exact; ties round to even."""
-    return np.int64(np.rint(np.float32(value) * np.float32(SUBPIXEL)))
+def snap_to_grid(value: F32) -> I64:
+    """Return the grid coordinate of a value in pixels. The product is exact; ties round to even."""
+    return i64(np.rint(f32(value) * f32(SUBPIXEL)))
 
 
 @device_function
-def first_center(value):
+def first_center(value: I64) -> I64:
     """Return the first pixel whose centre is at or after a grid coordinate: ceil((value - 1/2 px) / 1 px)."""
     return (value - HALF_PIXEL + SUBPIXEL - 1) >> SUBPIXEL_BITS
 
 
 @inlined
-def pixel_box(frame, min_x, min_y, max_x, max_y, reach):
+def pixel_box(frame: RasterFrame, min_x: I64, min_y: I64, max_x: I64, max_y: I64, reach: I64) -> Box[I64]:
     """Return the Box of pixels in the image that what lies between two grid points may cover.
 
     Args:
@@ -52,6 +56,6 @@ def pixel_box(frame, min_x, min_y, max_x, max_y, reach):
 
 
 @inlined
-def is_empty(box):
+def is_empty(box: Box[I64]) -> bool:
     """Return whether a Box has no pixels."""
     return box.left >= box.right or box.top >= box.bottom

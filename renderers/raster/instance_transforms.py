@@ -3,16 +3,17 @@
 from __future__ import annotations
 
 from renderers.compiler.device_function import device_function, inlined
+from renderers.compiler.kernel_types import F64, I64, Pointer
 from renderers.compiler.pointers import advance, u8_at
-from renderers.raster.layout import GUARD_BAND
+from renderers.raster.layout import GUARD_BAND, Draw, RasterFrame, RasterInstance
 
 
 @device_function
-def _is_unclipped_convex(frame, m, instance):
+def _is_unclipped_convex(frame: RasterFrame, m: Pointer[F64], instance: RasterInstance) -> bool:
     """Return whether a mesh is convex and its box lies beyond the near plane and within the guard band.
 
     Args:
-        m: pointer to the instance's ``X_camera_mesh``, (4, 4) float64.
+        m: pointer to the instance's ``X_camera_mesh``, (4, 4).
     """
     center, half = instance.box_center, instance.box_half
     # Over the box, in the camera's frame: limits of |x| and |y|, and the least z.
@@ -35,15 +36,15 @@ def _is_unclipped_convex(frame, m, instance):
 
 
 @device_function
-def _determinant(m):
-    """Return the determinant, float64, of the upper left 3 x 3 of ``m``, pointer to (4, 4) float64."""
+def _determinant(m: Pointer[F64]) -> F64:
+    """Return the determinant, of the upper left 3 x 3 of ``m``, (4, 4)."""
     return (
         m[0] * (m[5] * m[10] - m[6] * m[9]) + m[1] * (m[6] * m[8] - m[4] * m[10]) + m[2] * (m[4] * m[9] - m[5] * m[8])
     )
 
 
 @device_function
-def compute_camera_poses(frame):
+def compute_camera_poses(frame: RasterFrame) -> bool:
     """Fill ``X_camera_mesh`` from ``X_world_camera`` and ``X_world_mesh``.
 
     Returns:
@@ -75,14 +76,14 @@ def compute_camera_poses(frame):
 
 
 @inlined
-def _back_sign(m):
+def _back_sign(m: Pointer[F64]) -> I64:
     """Return the sign, +1 or -1, of the area on screen of back faces; ``m`` as for ``_is_unclipped_convex``."""
     return -1 if _determinant(m) < 0.0 else 1
 
 
 @device_function
-def _set_signs(frame, k, draw):
-    """Set ``culled_sign`` and ``hidden_sign`` of the DRAW of instance ``k``."""
+def _set_signs(frame: RasterFrame, k: I64, draw: Draw) -> None:
+    """Set ``culled_sign`` and ``hidden_sign`` of the Draw of instance ``k``."""
     m, cull_back = advance(frame.X_camera_mesh, 16 * k), u8_at(frame.cull_back)
     draw.culled_sign = draw.hidden_sign = 0
     if frame.cull_back != 0 and cull_back[k] != 0:
@@ -93,7 +94,7 @@ def _set_signs(frame, k, draw):
 
 
 @device_function
-def collect_draws(frame):
+def collect_draws(frame: RasterFrame) -> I64:
     """Fill ``draws`` and the counts of draws, vertices and primitives from the selected instances.
 
     Returns:

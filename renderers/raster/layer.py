@@ -1,15 +1,17 @@
-"""The LAYER that a band is drawn into and shaded from."""
+"""The Layer that a band is drawn into and shaded from."""
 
 from __future__ import annotations
 
 from renderers.compiler.device_function import inlined
+from renderers.compiler.kernel_types import I64, Address
 from renderers.compiler.pointers import advance, f32_at, i32_at
+from renderers.raster.layout import Layer, RasterFrame
 from renderers.visibility_buffer import BAND_ROWS
 
 
 @inlined
-def set_band_layer(frame, layer, first_row, band_memory):
-    """Set a LAYER to that of the band which begins with ``first_row``.
+def set_band_layer(frame: RasterFrame, layer: Layer, first_row: I64, band_memory: Address) -> None:
+    """Set a Layer to that of the band which begins with ``first_row``.
 
     Args:
         band_memory: address of BAND_ROWS x stride int32, the ids, and as many float32, the 1/z; 0: the frame has a

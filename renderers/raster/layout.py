@@ -1,14 +1,19 @@
-"""Structs that the rasterizer's kernels share, and the constants of its fixed-point grid."""
+"""Structs that the rasterizer's kernels share, and the constants of its fixed-point grid.
+
+RasterFrame ─┬─ RasterInstance    a mesh of the draw list
+             ├─ Draw              an instance that is drawn in this frame
+             ├─ Chunk ─ Primitive or SmallTriangle    1,024 of them, with the bins that each touches
+             └─ Layer             visibility buffer: primitive id and 1/z of each pixel
+"""
 
 from __future__ import annotations
 
-from typing import Final
-
-import numpy as np
+from typing import Final, NamedTuple
 
 from renderers.compiler.device_function import inlined
+from renderers.compiler.kernel_types import F32, F64, I32, I64, U32, Address, Pointer, i64
 from renderers.compiler.pointers import advance
-from renderers.compiler.structs import F32, F64, I32, I64, U32, Struct, array_of, pointer_to
+from renderers.compiler.structs import Struct, inline
 
 SUBPIXEL_BITS: Final = 8
 SUBPIXEL: Final = 1 << SUBPIXEL_BITS
@@ -52,19 +57,18 @@ MAX_SMALL_DEPTH_RATIO: Final = 4.0
 TOPOLOGY_LINES: Final = 2
 TOPOLOGY_TRIANGLES: Final = 3
 
-PRIMITIVE: Final = Struct(
-    "Primitive",
-    {
-        "values": array_of(I32, 6),  # corners x0 y0 x1 y1 x2 y2, grid units, or others: see the kinds
-        "id": I32,  # primitive id
-        "kind": I32,
-        "inv_z_dx": F64,  # change of 1/z per column
-        "inv_z_dy": F64,  # change of 1/z per row
-        "inv_z_base": F64,  # 1/z at the centre of the pixel that ``fill.inv_z_origin`` returns; see the kinds
-        "inv_z_min": F32,  # range of 1/z over the primitive; clamping to it keeps slivers from extrapolating
-        "inv_z_max": F32,
-    },
-)
+
+class Primitive(Struct):
+    values: Pointer[I32] = inline(6)  # corners x0 y0 x1 y1 x2 y2, grid units, or others: see the kinds
+    id: I32  # primitive id
+    kind: I32
+    inv_z_dx: F64  # change of 1/z per column
+    inv_z_dy: F64  # change of 1/z per row
+    inv_z_base: F64  # 1/z at the centre of the pixel that ``fill.inv_z_origin`` returns; see the kinds
+    inv_z_min: F32  # range of 1/z over the primitive; clamping to it keeps slivers from extrapolating
+    inv_z_max: F32
+
+
 # The kinds of primitives: what ``values`` has, and the pixel that ``inv_z_base`` belongs to.
 KIND_TRIANGLE: Final = 0
 """values: corners, clockwise on screen. inv_z_base: first pixel of their box, which may be off the image."""
@@ -78,178 +82,210 @@ KIND_POINT: Final = 3
 """values: first column and row, and those after the last; with several samples per pixel these are grid units.
 inv_z_base: any pixel."""
 KIND_SMALL: Final = 4
-"""The struct is a SMALL_TRIANGLE, which has the same size, and ``id`` and ``kind`` at the same place."""
+"""The struct is a SmallTriangle, which has the same size, and ``id`` and ``kind`` at the same place."""
 
-SMALL_TRIANGLE: Final = Struct(
-    "SmallTriangle",
-    {
-        "edges": array_of(I32, 3),  # edge functions at the first pixel centre of the box; inside where all are >= 0
-        "edge_dx": array_of(I32, 2),  # change per column of the first two; that of the third is minus their sum
-        "edge0_dy": I32,  # change per row of the first
-        "id": I32,
-        "kind": I32,
-        "edge1_dy": I32,  # change per row of the second; that of the third is minus the sum
-        "box_corner": I32,  # row (high half) and column (low half, signed) of the box's corner, perhaps off the image
-        "box_size": I32,  # rows (high half) and columns (low half)
-        "inv_z_base": F32,  # as in PRIMITIVE
-        "inv_z_dx": F32,
-        "inv_z_dy": F32,
-        "inv_z_min": F32,
-        "inv_z_max": F32,
-    },
-)
-INSTANCE: Final = Struct(
-    "Instance",
-    {
-        "positions": pointer_to(F32),  # (N, 3): vertices to transform, which may be fewer than the mesh's own
-        "indices": pointer_to(U32),  # (M, topology) into these
-        "topology": I64,
-        "first_vertex": I64,  # among all instances' vertices
-        "first_primitive": I64,  # among all instances' primitives: the primitive id of its first
-        "size": F64,  # point size or line width, pixels
-        "box_center": array_of(F64, 3),  # of convex meshes, see convex_culling
-        "box_half": array_of(F64, 3),  # half extents; negative: not convex
-        "mesh_positions": pointer_to(F32),  # the mesh's own arrays
-        "mesh_indices": pointer_to(U32),
-        "mesh_normals": I64,  # address of (N, 3) float32; 0: none
-    },
-)
-"""An instance of the draw list, independent of camera and pose. The table ends with one more row, in which
-``first_vertex`` and ``first_primitive`` are the totals."""
 
-DRAW: Final = Struct(
-    "Draw",
-    {
-        "positions": pointer_to(F32),  # as in INSTANCE
-        "indices": pointer_to(U32),
-        "topology": I64,
-        "size": F64,
-        "first_vertex": I64,  # among the drawn vertices
-        "first_primitive": I64,  # drawn index of its first primitive, not an id
-        "first_id": I64,  # primitive id of its first primitive
-        "culled_sign": I64,  # +1, -1: sign of the screen area of faces that are culled or kept for later; 0: none
-        "hidden_sign": I64,  # +1, -1: sign of the screen area of faces hidden by others of their mesh; 0: none
-        "X_camera_mesh": array_of(F64, 12),  # the first three rows
-    },
-)
-"""An instance that is drawn in a frame. The table ends with one more row for the totals, as INSTANCE's."""
+class SmallTriangle(Struct):
+    edges: Pointer[I32] = inline(3)  # edge functions at the first pixel centre of the box; inside where all are >= 0
+    edge_dx: Pointer[I32] = inline(2)  # change per column of the first two; that of the third is minus their sum
+    edge0_dy: I32  # change per row of the first
+    id: I32
+    kind: I32
+    edge1_dy: I32  # change per row of the second; that of the third is minus the sum
+    box_corner: I32  # row (high half) and column (low half, signed) of the box's corner, perhaps off the image
+    box_size: I32  # rows (high half) and columns (low half)
+    inv_z_base: F32  # as in Primitive
+    inv_z_dx: F32
+    inv_z_dy: F32
+    inv_z_min: F32
+    inv_z_max: F32
 
-CHUNK: Final = Struct(
-    "Chunk",
-    {
-        "primitives": PRIMITIVE,  # (CHUNK_SIZE,): those that may be visible, in the order of their ids
-        "bins": pointer_to(I32),  # (CHUNK_SIZE,): the last (high half) and the first bin that each of them touches
-        "count": I64,  # number of them
-        "pixels": pointer_to(I32),  # (PIXEL_ROOM,): of tiny triangles, row * stride + column; kept back faces: BACK_BIT
-        "pixel_inv_z": pointer_to(F32),
-        "pixel_ids": pointer_to(I32),
-        "pixel_count": I64,
-        "first_band": I64,  # bands that primitives and pixels touch; last_band < first_band: none
-        "last_band": I64,
-    },
-)
-"""Primitives that are set up together, and searched by each band that they touch.
 
-Bin ``k`` has what is drawn in band ``k``. Back faces that are kept are drawn later than the others, after shading:
-those of band ``k`` are in bin ``FRAME.first_back_bin + k``."""
+SMALL_FIELDS: Final = SmallTriangle.places(4)
+"""Index of each field of a SmallTriangle, of four bytes each; of ``edges`` and ``edge_dx``, of the first value."""
+SMALL_FIELD_COUNT: Final = SmallTriangle.nbytes // 4
 
+
+class RasterInstance(Struct):
+    """An instance of the draw list, independent of camera and pose. The table ends with one more row, in which
+    ``first_vertex`` and ``first_primitive`` are the totals."""
+
+    positions: Pointer[F32]  # (N, 3): vertices to transform, which may be fewer than the mesh's own
+    indices: Pointer[U32]  # (M, topology) into these
+    topology: I64
+    first_vertex: I64  # among all instances' vertices
+    first_primitive: I64  # among all instances' primitives: the primitive id of its first
+    size: F64  # point size or line width, pixels
+    box_center: Pointer[F64] = inline(3)  # of convex meshes, see convex_culling
+    box_half: Pointer[F64] = inline(3)  # half extents; negative: not convex
+    mesh_positions: Pointer[F32]  # the mesh's own arrays
+    mesh_indices: Pointer[U32]
+    mesh_normals: Address  # (N, 3) float32; 0: none
+
+
+class Draw(Struct):
+    """An instance that is drawn in a frame. The table ends with one more row for the totals, as INSTANCE's."""
+
+    positions: Pointer[F32]  # as in RasterInstance
+    indices: Pointer[U32]
+    topology: I64
+    size: F64
+    first_vertex: I64  # among the drawn vertices
+    first_primitive: I64  # drawn index of its first primitive, not an id
+    first_id: I64  # primitive id of its first primitive
+    culled_sign: I64  # +1, -1: sign of the screen area of faces that are culled or kept for later; 0: none
+    hidden_sign: I64  # +1, -1: sign of the screen area of faces hidden by others of their mesh; 0: none
+    X_camera_mesh: Pointer[F64] = inline(12)  # the first three rows
+
+
+class Chunk(Struct):
+    """Primitives that are set up together, and searched by each band that they touch.
+
+    Bin ``k`` has what is drawn in band ``k``. Back faces that are kept are drawn later than the others, after shading:
+    those of band ``k`` are in bin ``RasterFrame.first_back_bin + k``."""
+
+    primitives: Primitive  # (CHUNK_SIZE,): those that may be visible, in the order of their ids
+    bins: Pointer[I32]  # (CHUNK_SIZE,): the last (high half) and the first bin that each of them touches
+    count: I64  # number of them
+    pixels: Pointer[I32]  # (PIXEL_ROOM,): of tiny triangles, row * stride + column; kept back faces: BACK_BIT
+    pixel_inv_z: Pointer[F32]
+    pixel_ids: Pointer[I32]
+    pixel_count: I64
+    first_band: I64  # bands that primitives and pixels touch; last_band < first_band: none
+    last_band: I64
+
+
+# Phases of a frame, see ``frame_phases``.
+TRANSFORM: Final = 0
+SETUP: Final = 1
+BANDS: Final = 2
 PHASES: Final = 3
-"""Phases of a frame: transform, setup, bands."""
+# Passes over a band, see ``coverage.draw_band``.
+FRONT_FACES: Final = 0
+"""Draw all but the back faces that are kept, into a cleared layer."""
+BACK_FACES: Final = 1
+"""Draw the back faces that are kept, on top of the layer."""
 
-FRAME: Final = Struct(
-    "Frame",
-    {
-        # Set by FrameJob.
-        "width": I64,  # pixels
-        "height": I64,
-        "stride": I64,  # pixels from one row of a visibility layer to the next: a multiple of eight
-        "samples": I64,  # per pixel
-        "max_threads": I64,
-        "fx": F64,  # camera intrinsics, pixels
-        "fy": F64,
-        "cx": F64,
-        "cy": F64,
-        "near": F64,  # metres
-        "inv_z_far": F32,  # 1/z at the far plane, 1/m: nothing with less passes the depth test
-        "instance_count": I64,
-        "instances": INSTANCE,  # (instance_count + 1)
-        "first_ids": pointer_to(I64),  # (instance_count + 1): first primitive id of every instance, and the total
-        "labels": pointer_to(I32),  # (instance_count,): bits of uint32 labels
-        "instance_ids": pointer_to(I32),  # (instance_count,)
-        "select": I64,  # address of (instance_count,) bool: instances to draw; 0: all
-        "cull_back": I64,  # address of (instance_count,) bool: instances whose back faces are culled; 0: none
-        "skip_hidden_back_faces": I64,  # not 0: back faces of convex meshes need not be drawn
-        "keep_back_faces": I64,  # not 0: culled back faces go to bins of their own, drawn after shading
-        "X_world_mesh": pointer_to(F64),  # (instance_count, 4, 4)
-        "X_world_camera": array_of(F64, 16),
-        "X_camera_mesh": pointer_to(F64),  # (instance_count, 4, 4)
-        "poses_ready": I64,  # not 0: X_camera_mesh is filled
-        "stop": I64,  # address of an int64 that is not 0 once the frame should end, see renderers.stop
-        "draws": DRAW,  # (draw_count + 1)
-        "vertices": pointer_to(F32),  # (vertex_count, 4): x, y in pixels, 1/z in 1/m or BEHIND or OUTSIDE, unused
-        "primitives": PRIMITIVE,  # (chunk_count * CHUNK_SIZE); those of KIND_SMALL are SMALL_TRIANGLE
-        "chunks": CHUNK,  # (chunk_count)
-        "chunk_memory": pointer_to(I32),  # (chunk_count, CHUNK_VALUES): what their pointers point to
-        "transform_kernel": I64,  # addresses of kernels
-        "setup_kernel": I64,
-        "draw_kernel": I64,  # coverage.draw_band, or msaa.edges.draw_samples
-        "edges_kernel": I64,  # msaa.edges.find_edges; 0: one sample per pixel
-        "shade_kernel": I64,  # 0: nothing is shaded
-        "shade_job": I64,
-        "resolve_kernel": I64,  # 0: no outputs other than colour are wanted
-        "normals_kernel": I64,
-        "yield_function": I64,
-        "band_memory": I64,  # address of the first thread's memory for a band; 0: none
-        "band_memory_bytes": I64,  # of each thread
-        "layer_ids": I64,  # address of (height, stride) int32 and float32; 0: only the outputs are wanted
-        "layer_inv_z": I64,
-        "beyond_ids": I64,  # address of the layer (height, stride) that primitives must lie behind; 0: none
-        "beyond_inv_z": I64,
-        "before_ids": I64,  # address of the layer that primitives must lie in front of; 0: none
-        "before_inv_z": I64,
-        "earlier_ids": I64,  # address of ids (height, stride) that primitives must be below; 0: none
-        "takes_latest": I64,  # not 0: pixels see the primitive with the highest id, not the nearest
-        "depth": I64,  # addresses of outputs; 0: not wanted
-        "label": I64,
-        "instance": I64,
-        "normal": I64,
-        "sample_reach": I64,  # grid units from a pixel's centre to its outermost sample, each way; 0: one sample
-        "sample_offsets": pointer_to(I32),  # (2, 8): offsets of the samples across and down, grid units
-        "lane_lists": pointer_to(I32),  # (256, 8), see msaa.lane_lists
-        # Computed by set_up_frame.
-        "draw_count": I64,
-        "vertex_count": I64,
-        "primitive_count": I64,
-        "chunk_count": I64,
-        "band_count": I64,
-        "first_back_bin": I64,  # bin of the back faces that are kept in the first band; 0: none are kept
-        "vertices_per_unit": I64,
-        "chunks_per_unit": I64,
-        "units": array_of(I64, PHASES),
-        # Written while threads work.
-        "threads_started": array_of(I64, 1),
-        "units_taken": array_of(I64, PHASES),
-        "units_done": array_of(I64, PHASES),
-    },
-)
-"""A rasterization: its parameters, the memory that it works in, and its units of work, which threads share."""
 
-LAYER: Final = Struct("Layer", {"ids": pointer_to(I32), "inv_z": pointer_to(F32), "first_row": I64})
-"""A visibility layer, or a band of one: (rows, stride) each, from row ``first_row`` of the image on."""
+class RasterFrame(Struct):
+    """A rasterization: its parameters, the memory that it works in, and its units of work, which threads share.
 
-frame_at: Final = FRAME.at
-small_triangle_at: Final = SMALL_TRIANGLE.at
+    ``frame.FrameJob`` fills it up to the counts. An Address or flag is 0 where there is none.
+    """
+
+    # Image and camera.
+    width: I64  # pixels
+    height: I64
+    stride: I64  # pixels from one row of a visibility layer to the next: a multiple of eight
+    fx: F64  # camera intrinsics, pixels
+    fy: F64
+    cx: F64
+    cy: F64
+    near: F64  # metres
+    inv_z_far: F32  # 1/z at the far plane, 1/m: nothing with less passes the depth test
+    X_world_camera: Pointer[F64] = inline(16)
+
+    # Instances of the draw list, instance_count each.
+    instance_count: I64
+    instances: RasterInstance  # and one more
+    first_ids: Pointer[I64]  # first primitive id of every instance, and the total
+    labels: Pointer[I32]  # bits of uint32 labels
+    instance_ids: Pointer[I32]
+    X_world_mesh: Pointer[F64]  # (4, 4) each
+    X_camera_mesh: Pointer[F64]  # (4, 4) each
+    poses_ready: I64  # flag: X_camera_mesh is filled
+    select: Address  # bool: instances to draw; all if there are none
+    cull_back: Address  # bool: instances whose back faces are culled
+    skip_hidden_back_faces: I64  # flag: back faces of convex meshes need not be drawn
+    keep_back_faces: I64  # flag: culled back faces go to bins of their own, drawn after shading
+
+    # Samples.
+    samples: I64  # per pixel
+    sample_reach: I64  # grid units from a pixel's centre to its outermost sample, each way; 0: one sample
+    sample_offsets: Pointer[I32]  # (2, 8): offsets of the samples across and down, grid units
+    lane_lists: Pointer[I32]  # (256, 8), see msaa.lane_lists
+
+    # Kernels.
+    transform_kernel: Address
+    setup_kernel: Address
+    draw_kernel: Address  # coverage.draw_band, or msaa.edges.draw_samples
+    edges_kernel: Address  # msaa.edges.find_edges, with several samples per pixel
+    shade_kernel: Address  # none: nothing is shaded
+    shade_job: Address
+    resolve_kernel: Address  # none: no outputs other than colour are wanted
+    normals_kernel: Address
+    yield_function: Address
+
+    # Layers that bound what is drawn, (height, stride) each: ids are int32, inv_z float32.
+    beyond_ids: Address  # primitives must lie behind this layer
+    beyond_inv_z: Address
+    before_ids: Address  # primitives must lie in front of this layer
+    before_inv_z: Address
+    earlier_ids: Address  # primitives must have lower ids
+    takes_latest: I64  # flag: pixels see the primitive with the highest id, not the nearest
+
+    # Results. The layer is (height, stride); without it, only the outputs are wanted.
+    layer_ids: Address
+    layer_inv_z: Address
+    depth: Address
+    label: Address
+    instance: Address
+    normal: Address
+
+    # Memory.
+    draws: Draw  # (draw_count + 1)
+    vertices: Pointer[F32]  # (vertex_count, 4): x, y in pixels, 1/z in 1/m or BEHIND or OUTSIDE, unused
+    primitives: Primitive  # (chunk_count * CHUNK_SIZE); those of KIND_SMALL are SmallTriangle
+    chunks: Chunk  # (chunk_count)
+    chunk_memory: Pointer[I32]  # (chunk_count, CHUNK_VALUES): what their pointers point to
+    band_memory: Address  # the first thread's memory for a band
+    band_memory_bytes: I64  # of each thread
+
+    # Counts, computed by set_up_frame.
+    draw_count: I64
+    vertex_count: I64
+    primitive_count: I64
+    chunk_count: I64
+    band_count: I64
+    first_back_bin: I64  # bin of the back faces that are kept in the first band; 0: none are kept
+    vertices_per_unit: I64
+    chunks_per_unit: I64
+    units: Pointer[I64] = inline(PHASES)
+
+    # Progress, written while threads work.
+    max_threads: I64
+    stop: Address  # an int64 that is not 0 once the frame should end, see renderers.stop
+    threads_started: Pointer[I64] = inline(1)
+    units_taken: Pointer[I64] = inline(PHASES)
+    units_done: Pointer[I64] = inline(PHASES)
+
+
+class Layer(Struct):
+    """A visibility layer, or a band of one: (rows, stride) each, from row ``first_row`` of the image on."""
+
+    ids: Pointer[I32]
+    inv_z: Pointer[F32]
+    first_row: I64
 
 
 @inlined
-def vertex_of(frame, draw, index):
-    """Return a pointer to the values in FRAME.vertices of a vertex; ``index`` is that in its mesh, int64."""
+def vertex_of(frame: RasterFrame, draw: Draw, index: I64) -> Pointer[F32]:
+    """Return a pointer to the values in RasterFrame.vertices of a vertex; ``index`` is that in its mesh."""
     return advance(frame.vertices, 4 * (draw.first_vertex + index))
 
 
+class SmallBox(NamedTuple):
+    """Pixels in which a SmallTriangle may be; perhaps off the image."""
+
+    left: I64
+    top: I64
+    column_count: I64
+    row_count: I64
+
+
 @inlined
-def box_of(triangle):
-    """Return first column, first row, number of columns and of rows of a SMALL_TRIANGLE's box, int64."""
-    corner, size = np.int64(triangle.box_corner), np.int64(triangle.box_size)
+def box_of(triangle: SmallTriangle) -> SmallBox:
+    """Return the box of a SmallTriangle."""
+    corner, size = i64(triangle.box_corner), i64(triangle.box_size)
     left = ((corner & 0xFFFF) ^ 0x8000) - 0x8000  # sign-extended from 16 bits
-    return left, corner >> 16, size & 0xFFFF, size >> 16
+    return SmallBox(left, corner >> 16, size & 0xFFFF, size >> 16)

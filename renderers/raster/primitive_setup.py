@@ -1,6 +1,6 @@
 """Setup of single primitives: lines, points, clipped triangles, and triangles that are too large for the vector path.
 
-The functions fill a PRIMITIVE, but for its ``id``, and return its first and last bin, or NOT_VISIBLE. In them, ``w`` is
+The functions fill a Primitive, but for its ``id``, and return its first and last bin, or NOT_VISIBLE. In them, ``w`` is
 1/z, 1/m, or BEHIND or OUTSIDE, which are negative.
 """
 
@@ -9,9 +9,9 @@ from __future__ import annotations
 from typing import Final
 
 import numpy as np
-from numba import types
 
 from renderers.compiler.device_function import device_function, inlined
+from renderers.compiler.kernel_types import F32, F64, I64, Pointer, f32, f64, i64
 from renderers.compiler.pointers import stack_array
 from renderers.raster.chunks import base_bin_of, bin_range
 from renderers.raster.clip import (
@@ -32,21 +32,24 @@ from renderers.raster.layout import (
     KIND_TRIANGLE,
     MAX_POINT_SIZE,
     SUBPIXEL,
+    Draw,
+    Primitive,
+    RasterFrame,
     vertex_of,
 )
 
 NOT_VISIBLE: Final = (0, -1)
 """No bins."""
-_ends_array = stack_array(types.float64, 6)
+_ends_array = stack_array(F64, 6)
 
 
 @device_function
-def set_up_triangle(frame, draw_index, mesh_index, primitive):
+def set_up_triangle(frame: RasterFrame, draw_index: I64, mesh_index: I64, primitive: Primitive) -> tuple[I64, I64]:
     """Set up a triangle in float64: of any size, clipped or not."""
     draw = frame.draws[draw_index]
-    v0 = vertex_of(frame, draw, np.int64(draw.indices[3 * mesh_index]))
-    v1 = vertex_of(frame, draw, np.int64(draw.indices[3 * mesh_index + 1]))
-    v2 = vertex_of(frame, draw, np.int64(draw.indices[3 * mesh_index + 2]))
+    v0 = vertex_of(frame, draw, i64(draw.indices[3 * mesh_index]))
+    v1 = vertex_of(frame, draw, i64(draw.indices[3 * mesh_index + 1]))
+    v2 = vertex_of(frame, draw, i64(draw.indices[3 * mesh_index + 2]))
     w0, w1, w2 = v0[2], v1[2], v2[2]
     w_min, w_max = min(min(w0, w1), w2), max(max(w0, w1), w2)
     if w_max == BEHIND:
@@ -61,7 +64,7 @@ def set_up_triangle(frame, draw_index, mesh_index, primitive):
     min_y, max_y = min(min(y0, y1), y2), max(max(y0, y1), y2)
     box = pixel_box(frame, min_x, min_y, max_x, max_y, frame.sample_reach)
     area = (x1 - x0) * (y2 - y0) - (x2 - x0) * (y1 - y0)
-    # hidden_sign and culled_sign are those of the screen area of such back faces, see DRAW.
+    # hidden_sign and culled_sign are those of the screen area of such back faces, see Draw.
     if is_empty(box) or area == 0 or area * draw.hidden_sign > 0:
         return NOT_VISIBLE
     base_bin = base_bin_of(frame, area * draw.culled_sign > 0)
@@ -78,7 +81,9 @@ def set_up_triangle(frame, draw_index, mesh_index, primitive):
 
 
 @inlined
-def _set_inv_z_plane(primitive, v0, v1, v2, base_x, base_y):
+def _set_inv_z_plane(
+    primitive: Primitive, v0: Pointer[F32], v1: Pointer[F32], v2: Pointer[F32], base_x: I64, base_y: I64
+) -> None:
     """Set the plane of 1/z through the vertices before snapping; the same for both windings.
 
     1/z is linear on screen. Snapping moves a vertex by up to half a grid unit, which would tilt the plane, the more the
@@ -88,9 +93,9 @@ def _set_inv_z_plane(primitive, v0, v1, v2, base_x, base_y):
         v0, v1, v2: the corners, as from ``vertex_of``.
         base_x, base_y: pixel to whose centre ``inv_z_base`` belongs.
     """
-    ax, ay, aw = np.float64(v0[0]), np.float64(v0[1]), np.float64(v0[2])
-    ux, uy, uw = np.float64(v1[0]) - ax, np.float64(v1[1]) - ay, np.float64(v1[2]) - aw
-    vx, vy, vw = np.float64(v2[0]) - ax, np.float64(v2[1]) - ay, np.float64(v2[2]) - aw
+    ax, ay, aw = f64(v0[0]), f64(v0[1]), f64(v0[2])
+    ux, uy, uw = f64(v1[0]) - ax, f64(v1[1]) - ay, f64(v1[2]) - aw
+    vx, vy, vw = f64(v2[0]) - ax, f64(v2[1]) - ay, f64(v2[2]) - aw
     determinant = ux * vy - vx * uy
     dx = 0.0
     dy = 0.0
@@ -102,7 +107,9 @@ def _set_inv_z_plane(primitive, v0, v1, v2, base_x, base_y):
 
 
 @device_function
-def _set_up_clipped_triangle(frame, draw_index, mesh_index, primitive):
+def _set_up_clipped_triangle(
+    frame: RasterFrame, draw_index: I64, mesh_index: I64, primitive: Primitive
+) -> tuple[I64, I64]:
     """Set up a triangle that needs clipping. It is clipped again in every band that it touches."""
     draw = frame.draws[draw_index]
     corners, polygon = corner_array(), polygon_array()
@@ -141,9 +148,9 @@ def _set_up_clipped_triangle(frame, draw_index, mesh_index, primitive):
 
 
 @device_function
-def set_up_line(frame, draw, mesh_index, primitive):
+def set_up_line(frame: RasterFrame, draw: Draw, mesh_index: I64, primitive: Primitive) -> tuple[I64, I64]:
     """Set up a line, clipped. Lines of length 0 draw nothing."""
-    index0, index1 = np.int64(draw.indices[2 * mesh_index]), np.int64(draw.indices[2 * mesh_index + 1])
+    index0, index1 = i64(draw.indices[2 * mesh_index]), i64(draw.indices[2 * mesh_index + 1])
     v0, v1 = vertex_of(frame, draw, index0), vertex_of(frame, draw, index1)
     w0, w1 = v0[2], v1[2]
     if w0 == BEHIND and w1 == BEHIND:
@@ -156,11 +163,11 @@ def set_up_line(frame, draw, mesh_index, primitive):
             return NOT_VISIBLE
         pixel_x0, pixel_y0 = project_to_pixels(frame, ends, 0)
         pixel_x1, pixel_y1 = project_to_pixels(frame, ends, 1)
-        w0, w1 = np.float32(1.0 / ends[2]), np.float32(1.0 / ends[5])
+        w0, w1 = f32(1.0 / ends[2]), f32(1.0 / ends[5])
     else:
         pixel_x0, pixel_y0, pixel_x1, pixel_y1 = v0[0], v0[1], v1[0], v1[1]
     x0, y0, x1, y1 = snap_to_grid(pixel_x0), snap_to_grid(pixel_y0), snap_to_grid(pixel_x1), snap_to_grid(pixel_y1)
-    half_width = np.int64(np.rint(min(max(draw.size, 1.0), float(MAX_POINT_SIZE)) * HALF_PIXEL))
+    half_width = i64(np.rint(min(max(draw.size, 1.0), float(MAX_POINT_SIZE)) * HALF_PIXEL))
     reach = half_width + frame.sample_reach
     box = pixel_box(frame, min(x0, x1), min(y0, y1), max(x0, x1), max(y0, y1), reach)
     if is_empty(box) or (x0 == x1 and y0 == y1):
@@ -170,9 +177,9 @@ def set_up_line(frame, draw, mesh_index, primitive):
     values[4], values[5] = half_width, box.left | (box.top << 16)
     primitive.kind = KIND_LINE
     # 1/z is constant across the line and linear along it.
-    ax, ay, aw = np.float64(pixel_x0), np.float64(pixel_y0), np.float64(w0)
-    ux, uy = np.float64(pixel_x1) - ax, np.float64(pixel_y1) - ay
-    slope = (np.float64(w1) - aw) / (ux * ux + uy * uy)
+    ax, ay, aw = f64(pixel_x0), f64(pixel_y0), f64(w0)
+    ux, uy = f64(pixel_x1) - ax, f64(pixel_y1) - ay
+    slope = (f64(w1) - aw) / (ux * ux + uy * uy)
     primitive.inv_z_dx = slope * ux
     primitive.inv_z_dy = slope * uy
     primitive.inv_z_base = aw + slope * (ux * (box.left + 0.5 - ax) + uy * (box.top + 0.5 - ay))
@@ -181,13 +188,13 @@ def set_up_line(frame, draw, mesh_index, primitive):
 
 
 @device_function
-def set_up_point(frame, draw, mesh_index, primitive):
+def set_up_point(frame: RasterFrame, draw: Draw, mesh_index: I64, primitive: Primitive) -> tuple[I64, I64]:
     """Set up a point: the size x size pixels whose centres are nearest to it."""
-    vertex = vertex_of(frame, draw, np.int64(draw.indices[mesh_index]))
+    vertex = vertex_of(frame, draw, i64(draw.indices[mesh_index]))
     w = vertex[2]
     if w < 0.0:
         return NOT_VISIBLE
-    size = np.int64(np.rint(min(max(draw.size, 1.0), float(MAX_POINT_SIZE))))
+    size = i64(np.rint(min(max(draw.size, 1.0), float(MAX_POINT_SIZE))))
     x0, y0 = snap_to_grid(vertex[0]) - size * HALF_PIXEL, snap_to_grid(vertex[1]) - size * HALF_PIXEL
     x1, y1 = x0 + size * SUBPIXEL, y0 + size * SUBPIXEL
     box = pixel_box(frame, x0, y0, x1, y1, frame.sample_reach)

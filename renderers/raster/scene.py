@@ -11,18 +11,9 @@ from numpy.typing import NDArray
 
 from renderers.cache import WeakCache
 from renderers.compiler.pointers import address_of
-from renderers.drawlist import (
-    AlphaMode,
-    DrawList,
-    Instance,
-    InstanceSet,
-    Mesh,
-    PosedInstances,
-    Topology,
-    used_vertices,
-)
+from renderers.drawlist import AlphaMode, DrawList, Instance, InstanceSet, Mesh, PosedInstances, Topology, used_vertices
 from renderers.raster.convex_culling import cullable_mesh
-from renderers.raster.layout import INSTANCE, MAX_POINT_SIZE
+from renderers.raster.layout import MAX_POINT_SIZE, RasterInstance
 from renderers.stop import check_stop
 
 MAX_PRIMITIVES: Final = 2**31 - 1
@@ -57,7 +48,7 @@ class Structure:
     """Tables that depend on meshes and materials only; shared by the draw lists of a scene in which poses change."""
 
     instances: NDArray[np.void]
-    """(I + 1,) INSTANCE."""
+    """(I + 1,) RasterInstance."""
     first_ids: NDArray[np.int64]
     """(I + 1,): first primitive id of every instance, and the number of primitives."""
     materials: tuple[Any, ...]
@@ -77,7 +68,7 @@ class PreparedInstances:
     counts: tuple[int, int, int]
     """Numbers of instances, vertices and primitives."""
     tables: dict[str, int]
-    """The fields of FRAME that are addresses of tables."""
+    """The fields of RasterFrame that are addresses of tables."""
     keep: tuple[NDArray[np.uint32], NDArray[np.int32]]
     """Labels and instance ids."""
 
@@ -195,7 +186,7 @@ def _prepare_instances(instances: Sequence[Instance]) -> PreparedInstances:
         structure,
         (len(instances), int(total["first_vertex"]), int(total["first_primitive"])),
         tables={
-            "instances": address_of(structure.instances, INSTANCE.dtype),
+            "instances": address_of(structure.instances, RasterInstance.dtype),
             "first_ids": address_of(structure.first_ids, np.int64),
             "labels": address_of(labels, np.uint32),
             "instance_ids": address_of(instance_ids, np.int32),
@@ -230,7 +221,7 @@ def _build_structure(instances: Sequence[Instance]) -> Structure:
         if mesh is None:
             mesh = by_mesh[id(instance.mesh)] = _prepared_mesh(instance.mesh)
         meshes.append(mesh)
-    table = np.zeros(count + 1, INSTANCE.dtype)
+    table = np.zeros(count + 1, RasterInstance.dtype)
     numbers = np.array([(*m.counts, *m.addresses, *m.mesh_addresses) for m in meshes], np.int64).reshape(count, 8)
     np.cumsum(numbers[:, 0], out=table["first_vertex"][1:])
     np.cumsum(numbers[:, 1], out=table["first_primitive"][1:])

@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-import numpy as np
-
 from renderers.compiler.device_function import device_function, inlined
 from renderers.compiler.jit import kernel
 from renderers.compiler.kernel_calls import is_set
+from renderers.compiler.kernel_types import I64, Address, i64
 from renderers.compiler.pointers import advance, as_f32
 from renderers.raster.chunks import append_primitive, bins_of
 from renderers.raster.layout import (
@@ -16,7 +15,9 @@ from renderers.raster.layout import (
     PIXEL_ROOM,
     TOPOLOGY_LINES,
     TOPOLOGY_TRIANGLES,
-    frame_at,
+    Chunk,
+    Draw,
+    RasterFrame,
 )
 from renderers.raster.primitive_setup import set_up_line, set_up_point
 from renderers.raster.triangle_setup import set_up_triangles
@@ -24,10 +25,10 @@ from renderers.visibility_buffer import BAND_ROWS
 
 
 @inlined
-def _begin_chunk(frame, index):
-    """Return CHUNK ``index``, empty. Its memory holds bins, then pixels, the pixels' 1/z and the pixels' ids.
+def _begin_chunk(frame: RasterFrame, index: I64) -> Chunk:
+    """Return Chunk ``index``, empty. Its memory holds bins, then pixels, the pixels' 1/z and the pixels' ids.
 
-    Its primitives are the slice of FRAME.primitives from ``index * CHUNK_SIZE`` on: assigning sets the pointer.
+    Its primitives are the slice of RasterFrame.primitives from ``index * CHUNK_SIZE`` on: assigning sets the pointer.
     """
     chunk = frame.chunks[index]
     chunk.primitives = frame.primitives[index * CHUNK_SIZE]
@@ -40,7 +41,7 @@ def _begin_chunk(frame, index):
 
 
 @device_function
-def _draw_index_of_primitive(frame, drawn_index):
+def _draw_index_of_primitive(frame: RasterFrame, drawn_index: I64) -> I64:
     """Return the index of a primitive's draw: the last one with ``first_primitive <= drawn_index``."""
     low = 0
     high = frame.draw_count
@@ -54,8 +55,8 @@ def _draw_index_of_primitive(frame, drawn_index):
 
 
 @device_function
-def _set_up_line_or_point(frame, draw, mesh_index, chunk):
-    """Set up a line or a point, and append it to a CHUNK if it may be visible."""
+def _set_up_line_or_point(frame: RasterFrame, draw: Draw, mesh_index: I64, chunk: Chunk) -> None:
+    """Set up a line or a point, and append it to a Chunk if it may be visible."""
     # The first free place. If no bin is touched, last_bin < first_bin, and the next primitive is written over it.
     primitive = chunk.primitives[chunk.count]
     if draw.topology == TOPOLOGY_LINES:
@@ -67,8 +68,8 @@ def _set_up_line_or_point(frame, draw, mesh_index, chunk):
 
 
 @inlined
-def _set_up_primitives(frame, chunk, begin, end):
-    """Set up primitives, and append what may be visible to a CHUNK.
+def _set_up_primitives(frame: RasterFrame, chunk: Chunk, begin: I64, end: I64) -> None:
+    """Set up primitives, and append what may be visible to a Chunk.
 
     Args:
         begin, end: range of drawn indices.
@@ -89,13 +90,13 @@ def _set_up_primitives(frame, chunk, begin, end):
 
 
 @device_function
-def _find_bands(frame, chunk):
-    """Set the first and last band of a CHUNK."""
-    first_band, last_band = frame.band_count, np.int64(-1)
+def _find_bands(frame: RasterFrame, chunk: Chunk) -> None:
+    """Set the first and last band of a Chunk."""
+    first_band, last_band = frame.band_count, i64(-1)
     for k in range(chunk.count):
         first_bin, last_bin = bins_of(chunk, k)
-        # A primitive is in front bins or in back bins only. FRAME.first_back_bin is band_count if back faces are kept.
-        # If none are (it is 0), no bin reaches band_count.
+        # A primitive is in front bins or in back bins only. ``first_back_bin`` is band_count if back faces are kept. If
+        # none are (it is 0), no bin reaches band_count.
         base_bin = frame.band_count if first_bin >= frame.band_count else 0
         first_band = min(first_band, first_bin - base_bin)
         last_band = max(last_band, last_bin - base_bin)
@@ -109,10 +110,10 @@ def _find_bands(frame, chunk):
     chunk.first_band, chunk.last_band = first_band, last_band
 
 
-@kernel("void(int64, int64, int64)")
-def setup(frame_address, begin_chunk, end_chunk):
-    """Set up the chunks ``begin_chunk .. end_chunk`` of the drawn primitives of the FRAME at an address."""
-    frame = frame_at(frame_address)
+@kernel
+def setup(frame_address: Address, begin_chunk: I64, end_chunk: I64) -> None:
+    """Set up the chunks ``begin_chunk .. end_chunk`` of the drawn primitives of the RasterFrame at an address."""
+    frame = RasterFrame(frame_address)
     for index in range(begin_chunk, end_chunk):
         if is_set(frame.stop):
             break

@@ -1,26 +1,28 @@
-"""Triangles of a few pixels, rasterized eight at a time in setup: a CHUNK gets their pixels instead of primitives.
+"""Triangles of a few pixels, rasterized eight at a time in setup: a Chunk gets their pixels instead of primitives.
 
 A million triangles at 640 x 480 take nearly half as long again without.
 """
 
 from __future__ import annotations
 
-import numpy as np
-
 from renderers.compiler import simd as vec
 from renderers.compiler.device_function import inlined
-from renderers.raster.layout import BACK_BIT, MAX_TINY_PIXELS, TINY_SIDE
+from renderers.compiler.kernel_types import I64, f32
+from renderers.compiler.simd import F32x8, I32x8, Mask8
+from renderers.raster.grid import Box
+from renderers.raster.layout import BACK_BIT, MAX_TINY_PIXELS, TINY_SIDE, Chunk, RasterFrame
+from renderers.raster.triangle_geometry import EightTriangles
 
 
 @inlined
-def has_room_for_tiny(frame, chunk):
-    """Return whether a CHUNK has room for the pixels of eight tiny triangles, and pixels have one sample."""
+def has_room_for_tiny(frame: RasterFrame, chunk: Chunk) -> bool:
+    """Return whether a Chunk has room for the pixels of eight tiny triangles, and pixels have one sample."""
     return frame.samples == 1 and chunk.pixel_count <= MAX_TINY_PIXELS - vec.LANES * TINY_SIDE * TINY_SIDE
 
 
 @inlined
-def is_tiny(frame, box):
-    """Return m8: Boxes (i32x8 each) of at most TINY_SIDE x TINY_SIDE pixels, all in the image."""
+def is_tiny(frame: RasterFrame, box: Box[I32x8]) -> Mask8:
+    """Return which Boxes have at most TINY_SIDE x TINY_SIDE pixels, all in the image."""
     zero, side = vec.i32(0), vec.i32(TINY_SIDE)
     tiny = (box.right - box.left <= side) & (box.bottom - box.top <= side)
     tiny = tiny & (box.left >= zero) & (box.right <= vec.i32(frame.width))
@@ -28,14 +30,16 @@ def is_tiny(frame, box):
 
 
 @inlined
-def rasterize_tiny(frame, tiny, is_kept_back, ids, box, edges, plane, chunk):
-    """Append the pixels of tiny triangles, at most TINY_SIDE x TINY_SIDE of each, to a CHUNK.
+def rasterize_tiny(
+    frame: RasterFrame, triangles: EightTriangles, tiny: Mask8, is_kept_back: Mask8, chunk: Chunk
+) -> None:
+    """Append the pixels of tiny triangles, at most TINY_SIDE x TINY_SIDE of each, to a Chunk.
 
     Args:
-        tiny: m8, the triangles to draw.
-        is_kept_back: m8, back faces that are kept: their pixels get BACK_BIT.
-        box, edges, plane: their Box, Edges and InvZPlane.
+        tiny: the triangles to draw.
+        is_kept_back: back faces that are kept: their pixels get BACK_BIT.
     """
+    ids, box, edges, plane = triangles
     first_pixel = box.top * vec.i32(frame.stride) + box.left
     first_pixel = vec.select(is_kept_back, first_pixel | vec.i32(BACK_BIT), first_pixel)
     # All eight are tested at the same 3 x 3 pixels, or 4 x 4 if any is that wide: surplus tests, which cover nothing,
@@ -46,10 +50,10 @@ def rasterize_tiny(frame, tiny, is_kept_back, ids, box, edges, plane, chunk):
     count = chunk.pixel_count
     row_e0, row_e1, row_e2 = edges.base
     for row in range(side):
-        row_inv_z = plane.base + plane.dy * vec.f32(np.float32(row))
+        row_inv_z = plane.base + plane.dy * vec.f32(f32(row))
         e0, e1, e2 = row_e0, row_e1, row_e2
         for column in range(side):
-            inv_z = row_inv_z + plane.dx * vec.f32(np.float32(column))
+            inv_z = row_inv_z + plane.dx * vec.f32(f32(column))
             inv_z = vec.minimum(vec.maximum(inv_z, plane.min), plane.max)
             covered = tiny & ((e0 | e1 | e2) >= vec.i32(0))
             pixels = first_pixel + vec.i32(row * frame.stride + column)  # BACK_BIT stays
@@ -60,13 +64,13 @@ def rasterize_tiny(frame, tiny, is_kept_back, ids, box, edges, plane, chunk):
 
 
 @inlined
-def _append_pixels(chunk, count, covered, pixels, inv_z, ids):
-    """Append one pixel of each covered triangle to a CHUNK that has ``count``; return the new ``count``.
+def _append_pixels(chunk: Chunk, count: I64, covered: Mask8, pixels: I32x8, inv_z: F32x8, ids: I32x8) -> I64:
+    """Append one pixel of each covered triangle to a Chunk that has ``count``; return the new ``count``.
 
     Without a branch, since coverage cannot be predicted. Up to seven values beyond the last are overwritten.
 
     Args:
-        pixels: i32x8, as CHUNK.pixels.
+        pixels: as Chunk.pixels.
     """
     vec.store(chunk.pixels, count, vec.compress(covered, pixels))
     vec.store(chunk.pixel_inv_z, count, vec.compress(covered, inv_z))

@@ -4,25 +4,24 @@ from __future__ import annotations
 
 from typing import Final
 
-import numpy as np
-from numba import types
-
 from renderers.compiler import simd as vec
 from renderers.compiler.device_function import device_function, inlined
 from renderers.compiler.jit import kernel
 from renderers.compiler.kernel_calls import is_set
+from renderers.compiler.kernel_types import F32, F64, I64, Address, Pointer, f32
 from renderers.compiler.pointers import advance, stack_array
-from renderers.raster.layout import BEHIND, GUARD_BAND, OUTSIDE, frame_at
+from renderers.compiler.simd import F64x8
+from renderers.raster.layout import BEHIND, GUARD_BAND, OUTSIDE, RasterFrame
 
 _VERTICES_PER_STOP_CHECK: Final = 1 << 18
 """Vertices between two checks of the stop flag: about a millisecond."""
 
-_position_array = stack_array(types.float32, 3 * vec.LANES)
-_vertex_array = stack_array(types.float32, 4 * vec.LANES)
+_position_array = stack_array(F32, 3 * vec.LANES)
+_vertex_array = stack_array(F32, 4 * vec.LANES)
 
 
 @device_function
-def _draw_index_of_vertex(frame, vertex):
+def _draw_index_of_vertex(frame: RasterFrame, vertex: I64) -> I64:
     """Return the index of the draw that a vertex belongs to: the last one with ``first_vertex <= vertex``.
 
     Args:
@@ -40,24 +39,26 @@ def _draw_index_of_vertex(frame, vertex):
 
 
 @inlined
-def _affine_row(row, x, y, z):
-    """Return a coordinate of eight transformed points, f64x8.
+def _affine_row(row: Pointer[F64], x: F64x8, y: F64x8, z: F64x8) -> F64x8:
+    """Return a coordinate of eight transformed points.
 
     Args:
-        row: pointer to a row of an affine transform, four float64; the last is the translation.
-        x, y, z: f64x8 each, the points.
+        row: pointer to a row of an affine transform; the last is the translation.
+        x, y, z: the points.
     """
     return vec.f64(row[0]) * x + vec.f64(row[1]) * y + vec.f64(row[2]) * z + vec.f64(row[3])
 
 
 @inlined
-def _transform_eight(frame, X_camera_mesh, positions, out):
+def _transform_eight(
+    frame: RasterFrame, X_camera_mesh: Pointer[F64], positions: Pointer[F32], out: Pointer[F32]
+) -> None:
     """Transform eight vertices.
 
     Args:
-        X_camera_mesh: pointer to its first three rows, (3, 4) float64.
-        positions: pointer to (8, 3) float32, metres in the mesh's frame.
-        out: pointer to (8, 4) float32: x, y (pixels), 1/z (1/m), unused.
+        X_camera_mesh: pointer to its first three rows, (3, 4).
+        positions: (8, 3), metres in the mesh's frame.
+        out: (8, 4): x, y (pixels), 1/z (1/m), unused.
     """
     # load_third(p, i, k): every third value from p[i] on, its k-th of three.
     px = vec.to_f64(vec.load_third(positions, 0, 0))
@@ -77,7 +78,9 @@ def _transform_eight(frame, X_camera_mesh, positions, out):
 
 
 @device_function
-def _transform(frame, X_camera_mesh, positions, count, out):
+def _transform(
+    frame: RasterFrame, X_camera_mesh: Pointer[F64], positions: Pointer[F32], count: I64, out: Pointer[F32]
+) -> None:
     """Transform ``count`` vertices; ``X_camera_mesh``, ``positions`` and ``out`` as for ``_transform_eight``."""
     whole = count - count % vec.LANES
     for k in range(0, whole, vec.LANES):
@@ -85,21 +88,21 @@ def _transform(frame, X_camera_mesh, positions, count, out):
     if whole < count:  # with whole vectors of their own: what follows in memory belongs to others
         last_positions, last_out = _position_array(), _vertex_array()
         for k in range(3 * vec.LANES):
-            last_positions[k] = positions[3 * whole + k] if k < 3 * (count - whole) else np.float32(0.0)
+            last_positions[k] = positions[3 * whole + k] if k < 3 * (count - whole) else f32(0.0)
         _transform_eight(frame, X_camera_mesh, last_positions, last_out)
         for k in range(4 * (count - whole)):
             out[4 * whole + k] = last_out[k]
 
 
-@kernel("void(int64, int64, int64)")
-def transform(frame_address, begin, end):
+@kernel
+def transform(frame_address: Address, begin: I64, end: I64) -> None:
     """Compute pixel coordinates and 1/z of some vertices.
 
     Args:
-        frame_address: address of a FRAME.
+        frame_address: address of a RasterFrame.
         begin, end: range of indices among the vertices of all draws.
     """
-    frame = frame_at(frame_address)
+    frame = RasterFrame(frame_address)
     draw_index = _draw_index_of_vertex(frame, begin)
     first = begin
     while first < end and not is_set(frame.stop):

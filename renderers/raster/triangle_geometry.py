@@ -2,18 +2,18 @@
 
 from __future__ import annotations
 
-from typing import Any, Final, NamedTuple
-
-from numba import types
+from typing import Final, NamedTuple
 
 from renderers.compiler import simd as vec
 from renderers.compiler.device_function import inlined
+from renderers.compiler.kernel_types import F32, I32, I64, Pointer
 from renderers.compiler.pointers import advance, as_u32, stack_array
+from renderers.compiler.simd import F32x8, F32x8x3, I32x8, I32x8x3, Lanes, Mask8
 from renderers.raster.grid import Box
-from renderers.raster.layout import HALF_PIXEL, SUBPIXEL, SUBPIXEL_BITS
+from renderers.raster.layout import HALF_PIXEL, SUBPIXEL, SUBPIXEL_BITS, Draw, RasterFrame
 
 _CORNERS: Final = 3
-_index_array = stack_array(types.int32, _CORNERS * vec.LANES)
+_index_array = stack_array(I32, _CORNERS * vec.LANES)
 
 
 class Edges(NamedTuple):
@@ -24,36 +24,56 @@ class Edges(NamedTuple):
     open edges, lowered by one, are at least 0 only inside.
     """
 
-    base: Any
+    base: I32x8x3
     """At the first pixel centre of the box."""
-    dx: Any
+    dx: I32x8x3
     """Change per column."""
-    dy: Any
+    dy: I32x8x3
     """Change per row."""
 
 
 class InvZPlane(NamedTuple):
     """1/z of eight triangles as a function of the pixel, 1/m, f32x8 each. It is linear on the screen."""
 
-    base: Any
+    base: F32x8
     """At the first pixel centre of the box."""
-    dx: Any
+    dx: F32x8
     """Change per column."""
-    dy: Any
+    dy: F32x8
     """Change per row."""
-    min: Any
+    min: F32x8
     """Minimum over the vertices: clamping to the range keeps slivers from extrapolating."""
-    max: Any
+    max: F32x8
+
+
+class Corners(NamedTuple):
+    """The three corners of eight triangles."""
+
+    x: F32x8x3
+    """Pixels."""
+    y: F32x8x3
+    w: F32x8x3
+    """1/z, or BEHIND or OUTSIDE."""
+
+
+class EightTriangles(NamedTuple):
+    """What coverage and depth of eight triangles are computed from."""
+
+    ids: I32x8
+    """Primitive ids."""
+    box: Box[I32x8]
+    edges: Edges
+    plane: InvZPlane
 
 
 @inlined
-def load_triangles(draw, first, count, vertices):
-    """Return x, y (pixels) and 1/z (or BEHIND, OUTSIDE) of the corners of eight triangles, three f32x8 each.
+def load_triangles(draw: Draw, first: I64, count: I64, vertices: Pointer[F32]) -> Corners:
+    """Return the corners of eight triangles.
 
     Args:
         first: index of the first triangle in its mesh.
         count: number of triangles; the lanes beyond them repeat the last one, since there may be no more indices.
-        vertices: pointer to the draw's vertices, (n, 4) float32 as in FRAME.
+        vertices: pointer to the draw's vertices, (n, 4) as in RasterFrame.
     """
     indices = advance(draw.indices, _CORNERS * first)
     if count < vec.LANES:
@@ -65,35 +85,34 @@ def load_triangles(draw, first, count, vertices):
     x0, y0, w0 = vec.load_corners(vertices, indices, 0)
     x1, y1, w1 = vec.load_corners(vertices, indices, 1)
     x2, y2, w2 = vec.load_corners(vertices, indices, 2)
-    return (x0, x1, x2), (y0, y1, y2), (w0, w1, w2)
+    return Corners((x0, x1, x2), (y0, y1, y2), (w0, w1, w2))
 
 
 @inlined
-def minimum_of_3(a):
+def minimum_of_3(a: tuple[Lanes, Lanes, Lanes]) -> Lanes:
     """Return the minimum of three vectors, lane by lane."""
     return vec.minimum(vec.minimum(a[0], a[1]), a[2])
 
 
 @inlined
-def maximum_of_3(a):
+def maximum_of_3(a: tuple[Lanes, Lanes, Lanes]) -> Lanes:
     """Return the maximum of three vectors, lane by lane."""
     return vec.maximum(vec.maximum(a[0], a[1]), a[2])
 
 
 @inlined
-def snap_to_grid_3(a):
-    """Return the grid coordinates, i32x8, of three f32x8 in pixels, as ``grid.snap_to_grid``."""
+def snap_to_grid_3(a: F32x8x3) -> I32x8x3:
+    """Return the grid coordinates of values in pixels, as ``grid.snap_to_grid``."""
     scale = vec.f32(float(SUBPIXEL))  # grid units per pixel
     return vec.to_i32(vec.rint(a[0] * scale)), vec.to_i32(vec.rint(a[1] * scale)), vec.to_i32(vec.rint(a[2] * scale))
 
 
 @inlined
-def bounding_box(gx, gy, reach):
-    """Return the Box, i32x8 each, of corners on the grid; perhaps off the image.
+def bounding_box(gx: I32x8x3, gy: I32x8x3, reach: I64) -> Box[I32x8]:
+    """Return the Box of corners on the grid; perhaps off the image.
 
     Args:
-        gx, gy: three i32x8 each.
-        reach: as FRAME.sample_reach.
+        reach: as RasterFrame.sample_reach.
     """
     subpixel_bits = vec.i32(SUBPIXEL_BITS)
     # Same rule as grid.pixel_box: left = first_center(minimum - reach), right = first_center(maximum + reach), where
@@ -109,15 +128,15 @@ def bounding_box(gx, gy, reach):
 
 
 @inlined
-def overlaps_image(frame, box):
-    """Return m8: Boxes, i32x8 each, with any pixel in the image."""
+def overlaps_image(frame: RasterFrame, box: Box[I32x8]) -> Mask8:
+    """Return which Boxes have any pixel in the image."""
     zero = vec.i32(0)
     has_columns = vec.maximum(box.left, zero) < vec.minimum(box.right, vec.i32(frame.width))
     return has_columns & (vec.maximum(box.top, zero) < vec.minimum(box.bottom, vec.i32(frame.height)))
 
 
 @inlined
-def _edge_function(xa, ya, xb, yb, px, py):
+def _edge_function(xa: I32x8, ya: I32x8, xb: I32x8, yb: I32x8, px: I32x8, py: I32x8) -> I32x8x3:
     """Return the edge function of (xa, ya) -> (xb, yb) at the grid point (px, py), and its changes per column and row.
 
     All are i32x8, in grid units and their squares. Edges that are neither left nor top are open. Of clockwise
@@ -132,8 +151,8 @@ def _edge_function(xa, ya, xb, yb, px, py):
 
 
 @inlined
-def edge_functions(gx, gy, box):
-    """Return the Edges of clockwise triangles with corners on the grid, three i32x8 each.
+def edge_functions(gx: I32x8x3, gy: I32x8x3, box: Box[I32x8]) -> Edges:
+    """Return the Edges of clockwise triangles with corners on the grid.
 
     Valid for boxes of at most MAX_SMALL_WIDTH x MAX_SMALL_HEIGHT. Of others they have wrapped around, and
     ``triangle_setup`` does not use them.
@@ -147,15 +166,13 @@ def edge_functions(gx, gy, box):
 
 
 @inlined
-def inv_z_plane(x, y, w, box):
+def inv_z_plane(corners: Corners, box: Box[I32x8]) -> InvZPlane:
     """Return the InvZPlane through the vertices before snapping; the same for both windings.
 
     Along both edges from corner 0, dw = dx edge_x + dy edge_y: two equations, solved by Cramer's rule. Coverage is that
     of the snapped vertices, so that 1/z of a covered pixel may be extrapolated a little: see ``InvZPlane.min``.
-
-    Args:
-        x, y, w: pixels and 1/z of the corners, three f32x8 each.
     """
+    x, y, w = corners
     ax, ay, aw = vec.to_f64(x[0]), vec.to_f64(y[0]), vec.to_f64(w[0])
     edge1_x, edge1_y, edge1_w = vec.to_f64(x[1]) - ax, vec.to_f64(y[1]) - ay, vec.to_f64(w[1]) - aw
     edge2_x, edge2_y, edge2_w = vec.to_f64(x[2]) - ax, vec.to_f64(y[2]) - ay, vec.to_f64(w[2]) - aw

@@ -1,34 +1,43 @@
 """Setup of triangles, eight at a time, one per lane.
 
-Load corners, snap them to the grid, cull, tell small triangles from others, compute edge functions and planes of 1/z.
-Tiny triangles leave their pixels (``tiny_triangles``), small ones become SMALL_TRIANGLEs, and large and clipped ones
-are set up one by one (``primitive_setup``).
+    vertices of a draw ─▶ corners ─▶ on the grid of 1/256 pixel ─▶ box ─▶ by size:
+
+        tiny    at most 4 x 4 pixels      drawn at once: ``tiny_triangles`` appends their pixels to the Chunk
+        small   at most 64 x 128          SmallTriangle: edge functions in int32, plane of 1/z in float32
+        large   or crosses near plane     Primitive, one by one: ``primitive_setup``
+
+On the way triangles are dropped that are behind the camera, off the image, without area, or back faces that are culled.
 """
 
 from __future__ import annotations
 
-from typing import Final
-
-import numpy as np
-from numba import types
+from typing import NamedTuple
 
 from renderers.compiler import simd as vec
 from renderers.compiler.device_function import device_function, inlined
+from renderers.compiler.kernel_types import F32, I32, I64, Pointer, i64
 from renderers.compiler.pointers import address, advance, i32_at, stack_array
+from renderers.compiler.simd import F32x8x3, I32x8, I32x8x3, Mask8
 from renderers.raster.chunks import append_primitive, bin_range
+from renderers.raster.grid import Box
 from renderers.raster.layout import (
     BEHIND,
     KIND_SMALL,
     MAX_SMALL_DEPTH_RATIO,
     MAX_SMALL_HEIGHT,
     MAX_SMALL_WIDTH,
-    SMALL_TRIANGLE,
+    SMALL_FIELD_COUNT,
+    SMALL_FIELDS,
+    Chunk,
+    RasterFrame,
+    SmallTriangle,
     box_of,
-    small_triangle_at,
 )
 from renderers.raster.primitive_setup import set_up_triangle
 from renderers.raster.tiny_triangles import has_room_for_tiny, is_tiny, rasterize_tiny
 from renderers.raster.triangle_geometry import (
+    Corners,
+    EightTriangles,
     bounding_box,
     edge_functions,
     inv_z_plane,
@@ -40,18 +49,22 @@ from renderers.raster.triangle_geometry import (
 )
 from renderers.shading.vec3 import select3
 
-_SMALL_FIELDS: Final = SMALL_TRIANGLE.size // 4
-"""Fields of a SMALL_TRIANGLE, of four bytes each."""
-_field_rows_array = stack_array(types.int32, _SMALL_FIELDS * vec.LANES)
+_field_rows_array = stack_array(I32, SMALL_FIELD_COUNT * vec.LANES)
+
+
+class _Chosen(NamedTuple):
+    """Which of eight triangles become primitives, a bit for each."""
+
+    small: I64
+    large: I64
+    """Large, or to be clipped."""
+    culled: I64
+    """Small back faces that are kept."""
 
 
 @device_function
-def set_up_triangles(frame, draw_index, begin, end, chunk):
-    """Set up some triangles of a draw, and append what may be visible to a CHUNK.
-
-    Args:
-        begin, end: range of indices among the triangles of its mesh.
-    """
+def set_up_triangles(frame: RasterFrame, draw_index: I64, begin: I64, end: I64, chunk: Chunk) -> None:
+    """Set up the triangles ``begin .. end`` of a draw's mesh, and append what may be visible to a Chunk."""
     vertices = advance(frame.vertices, 4 * frame.draws[draw_index].first_vertex)
     for first in range(begin, end, vec.LANES):
         # Inlined: a call would cost a fifth of the time of triangles that are not visible.
@@ -59,27 +72,35 @@ def set_up_triangles(frame, draw_index, begin, end, chunk):
 
 
 @inlined
-def _set_up_eight(frame, draw_index, vertices, first, count, chunk):
+def _set_up_eight(
+    frame: RasterFrame, draw_index: I64, vertices: Pointer[F32], first: I64, count: I64, chunk: Chunk
+) -> None:
     """Set up at most eight triangles of a draw.
 
     Args:
-        vertices: pointer to the draw's vertices, as for ``load_triangles``.
+        vertices: the draw's vertices, as for ``load_triangles``.
         first: index of the first one in its mesh.
         count: number of triangles.
     """
     draw = frame.draws[draw_index]
-    x, y, w = load_triangles(draw, first, count, vertices)
-    in_front, clipped_bits = _in_front(frame, w, count)
-    if vec.movemask(in_front) == 0 and clipped_bits == 0:
+    # Load; drop what is behind the camera or beyond the far plane.
+    corners = load_triangles(draw, first, count, vertices)
+    in_front, clipped = _in_front(frame, corners.w, count), _needs_clipping(corners.w, count)
+    if vec.movemask(in_front | clipped) == 0:
         return
+
+    # Snap; drop what is off the image. Corners of other lanes may be infinite: they become 0.
     zeros = vec.f32(0.0), vec.f32(0.0), vec.f32(0.0)
-    x, y = select3(in_front, x, zeros), select3(in_front, y, zeros)  # those of the other lanes may be infinite
-    gx, gy = snap_to_grid_3(x), snap_to_grid_3(y)
+    corners = Corners(select3(in_front, corners.x, zeros), select3(in_front, corners.y, zeros), corners.w)
+    gx, gy = snap_to_grid_3(corners.x), snap_to_grid_3(corners.y)
     box = bounding_box(gx, gy, frame.sample_reach)
     in_image = in_front & overlaps_image(frame, box)
-    fits = _fits_small(box, w)
-    large_bits = vec.movemask(in_image & ~fits) | clipped_bits
-    # In lanes that do not fit, the area has wrapped around: only small triangles may use its sign.
+
+    # Tell small from large.
+    fits = _fits_small(box, corners.w)
+    large_bits = vec.movemask((in_image & ~fits) | clipped)
+
+    # Cull small ones. The area of others has wrapped around, so that its sign means nothing.
     area = (gx[1] - gx[0]) * (gy[2] - gy[0]) - (gx[2] - gx[0]) * (gy[1] - gy[0])
     is_counterclockwise = area < vec.i32(0)
     sign = vec.select(is_counterclockwise, vec.i32(-1), vec.i32(1))
@@ -89,110 +110,106 @@ def _set_up_eight(frame, draw_index, vertices, first, count, chunk):
         small = small & ~is_culled
     if vec.movemask(small) == 0 and large_bits == 0:
         return
-    edges = edge_functions(_swap_last_two(is_counterclockwise, gx), _swap_last_two(is_counterclockwise, gy), box)
-    plane = inv_z_plane(x, y, w, box)
-    ids = vec.i32(draw.first_id + first) + vec.iota()
+
+    # Edge functions, of corners in clockwise order, and planes of 1/z.
+    triangles = EightTriangles(
+        ids=vec.i32(draw.first_id + first) + vec.iota(),
+        box=box,
+        edges=edge_functions(_swap_last_two(is_counterclockwise, gx), _swap_last_two(is_counterclockwise, gy), box),
+        plane=inv_z_plane(corners, box),
+    )
+
+    # Draw tiny ones; the others become primitives. Culled ones that are left are kept back faces.
     small_bits = vec.movemask(small)
     if has_room_for_tiny(frame, chunk):
         tiny = small & is_tiny(frame, box)
         if vec.movemask(tiny) != 0:
-            # Culled ones that are left are kept back faces.
-            rasterize_tiny(frame, tiny, is_culled, ids, box, edges, plane, chunk)
+            rasterize_tiny(frame, triangles, tiny, is_culled, chunk)
             small_bits &= ~vec.movemask(tiny)
     if small_bits | large_bits != 0:
         field_rows = _field_rows_array()
-        _store_field_rows(field_rows, ids, box, edges, plane)
-        culled_bits = vec.movemask(is_culled)
-        _append_primitives(frame, draw_index, first, small_bits, large_bits, culled_bits, field_rows, chunk)
+        _store_field_rows(field_rows, triangles)
+        chosen = _Chosen(small=small_bits, large=large_bits, culled=vec.movemask(is_culled))
+        _append_primitives(frame, draw_index, first, chosen, field_rows, chunk)
 
 
 @inlined
-def _in_front(frame, w, count):
-    """Return which triangles have all corners within near and far plane and guard band, m8, and which need clipping, a
-    bit for each.
-
-    Args:
-        w: 1/z of the corners, or BEHIND or OUTSIDE, three f32x8.
-        count: number of triangles.
-    """
-    zero, used = vec.f32(0.0), vec.iota() < vec.i32(count)
-    inv_z_min, inv_z_max = minimum_of_3(w), maximum_of_3(w)
-    clipped = used & (inv_z_min < zero) & (inv_z_max > vec.f32(BEHIND))
-    return used & (inv_z_min > zero) & (inv_z_max >= vec.f32(frame.inv_z_far)), vec.movemask(clipped)
+def _in_front(frame: RasterFrame, w: F32x8x3, count: I64) -> Mask8:
+    """Return which of the first ``count`` triangles are within near and far plane and guard band with all corners."""
+    is_used = vec.iota() < vec.i32(count)
+    return is_used & (minimum_of_3(w) > vec.f32(0.0)) & (maximum_of_3(w) >= vec.f32(frame.inv_z_far))
 
 
 @inlined
-def _fits_small(box, w):
-    """Return m8: triangles whose edge functions fit int32, and 1/z float32.
+def _needs_clipping(w: F32x8x3, count: I64) -> Mask8:
+    """Return which of the first ``count`` triangles cross the near plane or leave the guard band."""
+    is_used = vec.iota() < vec.i32(count)
+    return is_used & (minimum_of_3(w) < vec.f32(0.0)) & (maximum_of_3(w) > vec.f32(BEHIND))
 
-    Args:
-        box: Box, i32x8 each.
-        w: 1/z of the corners, three f32x8.
-    """
+
+@inlined
+def _fits_small(box: Box[I32x8], w: F32x8x3) -> Mask8:
+    """Return the triangles whose edge functions fit int32, and 1/z float32."""
     fits = (box.right - box.left <= vec.i32(MAX_SMALL_WIDTH)) & (box.bottom - box.top <= vec.i32(MAX_SMALL_HEIGHT))
     return fits & (maximum_of_3(w) <= minimum_of_3(w) * vec.f32(MAX_SMALL_DEPTH_RATIO))
 
 
 @inlined
-def _swap_last_two(swapped, corners):
-    """Return a coordinate of the three corners, the last two exchanged in the lanes of ``swapped``, m8."""
+def _swap_last_two(swapped: Mask8, corners: I32x8x3) -> I32x8x3:
+    """Return a coordinate of the three corners, the last two exchanged in the lanes of ``swapped``."""
     return select3(swapped, (corners[0], corners[2], corners[1]), corners)
 
 
 @inlined
-def _store_field_rows(field_rows, ids, box, edges, plane):
-    """Write eight SMALL_TRIANGLEs, transposed: the eight values of a field, then those of the next one.
-
-    Args:
-        field_rows: pointer to (_SMALL_FIELDS, 8) int32.
-        box, edges, plane: Box, Edges and InvZPlane of the eight triangles.
-    """
-    low_half = vec.i32(0xFFFF)
-    fields = (
-        *edges.base,  # edges
-        edges.dx[0],  # edge_dx
-        edges.dx[1],
-        edges.dy[0],  # edge0_dy
-        ids,  # id
-        vec.i32(KIND_SMALL),  # kind
-        edges.dy[1],  # edge1_dy
-        (box.top << vec.i32(16)) | (box.left & low_half),  # box_corner
-        ((box.bottom - box.top) << vec.i32(16)) | (box.right - box.left),  # box_size
-        vec.float_bits(plane.base),  # inv_z_base
-        vec.float_bits(plane.dx),  # inv_z_dx
-        vec.float_bits(plane.dy),  # inv_z_dy
-        vec.float_bits(plane.min),  # inv_z_min
-        vec.float_bits(plane.max),  # inv_z_max
-    )
-    offset = 0
-    for field in fields:
-        vec.store(field_rows, offset, field)
-        offset += vec.LANES
+def _store_field_rows(rows: Pointer[I32], triangles: EightTriangles) -> None:
+    """Write eight SmallTriangles, transposed: a row of (SMALL_FIELD_COUNT, 8) for each field."""
+    ids, box, edges, plane = triangles
+    half = vec.i32(16)
+    corner = (box.top << half) | (box.left & vec.i32(0xFFFF))
+    size = ((box.bottom - box.top) << half) | (box.right - box.left)
+    _store_row(rows, SMALL_FIELDS.edges, edges.base[0])
+    _store_row(rows, SMALL_FIELDS.edges + 1, edges.base[1])
+    _store_row(rows, SMALL_FIELDS.edges + 2, edges.base[2])
+    _store_row(rows, SMALL_FIELDS.edge_dx, edges.dx[0])
+    _store_row(rows, SMALL_FIELDS.edge_dx + 1, edges.dx[1])
+    _store_row(rows, SMALL_FIELDS.edge0_dy, edges.dy[0])
+    _store_row(rows, SMALL_FIELDS.edge1_dy, edges.dy[1])
+    _store_row(rows, SMALL_FIELDS.id, ids)
+    _store_row(rows, SMALL_FIELDS.kind, vec.i32(KIND_SMALL))
+    _store_row(rows, SMALL_FIELDS.box_corner, corner)
+    _store_row(rows, SMALL_FIELDS.box_size, size)
+    _store_row(rows, SMALL_FIELDS.inv_z_base, vec.float_bits(plane.base))
+    _store_row(rows, SMALL_FIELDS.inv_z_dx, vec.float_bits(plane.dx))
+    _store_row(rows, SMALL_FIELDS.inv_z_dy, vec.float_bits(plane.dy))
+    _store_row(rows, SMALL_FIELDS.inv_z_min, vec.float_bits(plane.min))
+    _store_row(rows, SMALL_FIELDS.inv_z_max, vec.float_bits(plane.max))
 
 
 @inlined
-def _append_primitives(frame, draw_index, first, small_bits, large_bits, culled_bits, field_rows, chunk):
-    """Append the small triangles in ``field_rows``, and the large ones, to a CHUNK in the order of their lanes.
+def _store_row(rows: Pointer[I32], field: I64, values: I32x8) -> None:
+    """Write one field of eight SmallTriangles."""
+    vec.store(rows, vec.LANES * field, values)
 
-    Args:
-        first: index of the first of the eight triangles in its mesh.
-        small_bits, large_bits, culled_bits: a bit for each triangle that is small, large or clipped, a back face.
-        field_rows: as from ``_store_field_rows``.
-    """
-    pending = small_bits | large_bits
+
+@inlined
+def _append_primitives(
+    frame: RasterFrame, draw_index: I64, first: I64, chosen: _Chosen, field_rows: Pointer[I32], chunk: Chunk
+) -> None:
+    """Append the chosen triangles to a Chunk in the order of their lanes; ``first``: index of lane 0 in its mesh."""
+    pending = chosen.small | chosen.large
     while pending != 0:
-        k = vec.lowest_bit(pending)
-        bit = np.int64(1) << k
+        lane = vec.lowest_bit(pending)
+        bit = i64(1) << lane
         pending &= pending - 1
         primitive = chunk.primitives[chunk.count]
-        if bit & small_bits:
+        if bit & chosen.small:
             values = i32_at(address(primitive))
-            for field in range(_SMALL_FIELDS):
-                values[field] = field_rows[vec.LANES * field + k]
-            _, top, _, row_count = box_of(small_triangle_at(address(primitive)))
-            base_bin = frame.first_back_bin if bit & culled_bits else 0
+            for field in range(SMALL_FIELD_COUNT):
+                values[field] = field_rows[vec.LANES * field + lane]
+            _, top, _, row_count = box_of(SmallTriangle(address(primitive)))
+            base_bin = frame.first_back_bin if bit & chosen.culled else 0
             first_bin, last_bin = bin_range(max(top, 0), min(top + row_count, frame.height), base_bin)
         else:
-            first_bin, last_bin = set_up_triangle(frame, draw_index, first + k, primitive)
-            primitive.id = frame.draws[draw_index].first_id + first + k
+            first_bin, last_bin = set_up_triangle(frame, draw_index, first + lane, primitive)
+            primitive.id = frame.draws[draw_index].first_id + first + lane
         append_primitive(chunk, first_bin, last_bin)

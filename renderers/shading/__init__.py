@@ -9,10 +9,10 @@ Usage::
 Each row of a visibility buffer goes through the same steps:
 
 1. ``spans``: neighbouring pixels that see one primitive, and segments of spans that see one instance.
-2. ``span_setup``: weighted sums of vertex attributes at the start of each span, and their change per pixel (SPANS of
-   ``layout``); ``interpolation``: the sums at eight pixels at a time (PIXELS), for a part of at most PART pixels.
+2. ``span_setup``: weighted sums of vertex attributes at the start of each span, and their change per pixel (Spans of
+   ``layout``); ``interpolation``: the sums at eight pixels at a time (ShadedPixels), for a part of at most PART pixels.
 3. ``material``: base colour, normal map and the other maps, read by ``sampling`` (``mip_levels``, ``texels``,
-   ``area_filter``), into further rows of PIXELS.
+   ``area_filter``), into further rows of ShadedPixels.
 4. ``headlight.lighting`` or ``studio.lighting``: light (``brdf``).
 5. ``headlight.output_merge`` or ``studio.tone_mapping``: translucent layers, background; ``packed_rows``: bytes.
 
@@ -26,23 +26,23 @@ bytes.
 Parameters of device functions that mean the same everywhere have no line of their own:
 
 - ``job``, ``segment``, ``spans``, ``pixels``, ``material``, ``texture``, ``surfaces``, ``lighting``: the struct of this
-  name, SHADING_JOB or a look's job, SEGMENT, SPANS, PIXELS, MATERIAL, TEXTURE, SURFACES, LIGHTING.
+  name; ``job`` is ShadingInputs or a look's own.
 - ``count``: number of pixels of the part that is shaded; ``x``: index in the part of the first of eight pixels. Where
   a function has ``begin``, ``end`` or ``packed_row``, ``x`` is an index in the row of pixels instead.
-- ``y``: row of the image. ``column``: column of the image. Pixel k of a row is in column k, unless SEGMENT has
+- ``y``: row of the image. ``column``: column of the image. Pixel k of a row is in column k, unless Segment has
   ``columns``.
-- ``span``: index of a span in the row; ``at``: index of the first of eight spans in SPANS.
-- ``rows``: pointer to rows of SPANS or PIXELS. ``packed_row``: pointer to int32, see ``packed_rows``.
+- ``span``: index of a span in the row; ``at``: index of the first of eight spans in Spans.
+- ``rows``: pointer to rows of Spans or ShadedPixels. ``packed_row``: pointer to int32, see ``packed_rows``.
 - ``alpha``: bool, False: the fourth channel is not needed.
 
 Values of eight pixels are f32x8 if nothing is said, points and directions three of them in the optical frame (metres);
 colours are RGB, 0 .. 1. Ranges ``begin .. end`` are half-open, as in ``docs/rasterizer.md``; a range of values in
 numbers, as 0 .. 255, includes both.
 
-To add a material property: a field of MATERIAL, set in ``materials``; rows of PIXELS if it varies between pixels; and
-its use in the lighting. A value per image is a field of the look's job, set by its ``passes``. Kernels that shade
-pixels do not call the C library's math functions, whose results differ between machines. Their device functions take
-pointers instead of arrays, and their loops over pixels overrun by up to seven.
+To add a material property: a field of ShadingMaterial, set in ``materials``; rows of ShadedPixels if it varies
+between pixels; and its use in the lighting. A value per image is a field of the look's job, set by its ``passes``.
+Kernels that shade pixels do not call the C library's math functions, whose results differ between machines. Their
+device functions take pointers instead of arrays, and their loops over pixels overrun by up to seven.
 """
 
 from __future__ import annotations
@@ -51,11 +51,4 @@ from renderers.shading.headlight.passes import HeadlightJob, paint, solid_pixels
 from renderers.shading.scene import ShadingScene, prepare
 from renderers.shading.texture_table import Parallel
 
-__all__ = [
-    "HeadlightJob",
-    "Parallel",
-    "ShadingScene",
-    "paint",
-    "prepare",
-    "solid_pixels",
-]
+__all__ = ["HeadlightJob", "Parallel", "ShadingScene", "paint", "prepare", "solid_pixels"]

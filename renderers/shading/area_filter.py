@@ -16,7 +16,10 @@ from typing import Final
 
 from renderers.compiler import simd as vec
 from renderers.compiler.device_function import inlined
-from renderers.shading.texels import level_size, locate, read_texels, texels_of_level, wrapped
+from renderers.compiler.kernel_types import I64
+from renderers.compiler.simd import F32x8, F32x8x2, F32x8x4, I32x8x3
+from renderers.shading.layout import ShadedPixels, ShadingTexture
+from renderers.shading.texels import TextureView, level_size, locate, read_texels, texels_of_level, wrapped
 
 _NO_LEVEL: Final = -1
 _MAX_SAMPLES: Final = 12
@@ -33,11 +36,11 @@ _COARSEST_SAMPLES: Final = 3
 
 
 @inlined
-def squared_sides(gradient, width, height):
-    """Return the squares of both sides of eight pixels' footprints, texels of a level, f32x8 each.
+def squared_sides(gradient: F32x8x4, width: F32x8, height: F32x8) -> F32x8x2:
+    """Return the squares of both sides of eight pixels' footprints, texels of a level.
 
     Args:
-        width, height: f32x8, of the level, texels.
+        width, height: of the level, texels.
     """
     du_dx, dv_dx, du_dy, dv_dy = gradient
     ds_dx, dt_dx = du_dx * width, dv_dx * height
@@ -46,11 +49,11 @@ def squared_sides(gradient, width, height):
 
 
 @inlined
-def _samples_along(squared_side):
-    """Return the number of samples at most ``_SAMPLE_SPACING`` apart, f32x8; where too many, one more than permitted.
+def _samples_along(squared_side: F32x8) -> F32x8:
+    """Return the number of samples at most ``_SAMPLE_SPACING`` apart; where too many, one more than permitted.
 
     Args:
-        squared_side: f32x8, squared texels.
+        squared_side: squared texels.
     """
     # Limited to the side that gives one sample more than permitted, since it may be infinite.
     longest = (_MAX_SAMPLES_PER_AXIS + 1) * _SAMPLE_SPACING
@@ -60,13 +63,12 @@ def _samples_along(squared_side):
 
 
 @inlined
-def _area_grids(texture, gradient, is_linear):
-    """Return the grids for the footprints of eight pixels: mip level, columns and rows, i32x8 each.
+def _area_grids(texture: ShadingTexture, gradient: F32x8x4, is_linear: bool) -> I32x8x3:
+    """Return the grids for the footprints of eight pixels: mip level, columns and rows.
 
     The level is the finest one whose texels the permitted number of samples covers.
 
     Args:
-        texture: a TEXTURE.
         is_linear: bool; False: the filter is the nearest texel.
     """
     max_samples, max_per_axis = vec.f32(_MAX_SAMPLES), vec.f32(_MAX_SAMPLES_PER_AXIS)
@@ -89,8 +91,8 @@ def _area_grids(texture, gradient, is_linear):
 
 
 @inlined
-def _sample_spread(squared_side, count, edge_variance):
-    """Return factors of the distances of ``count`` samples that keep edges as wide as the footprint makes them, f32x8.
+def _sample_spread(squared_side: F32x8, count: F32x8, edge_variance: F32x8) -> F32x8:
+    """Return factors of the distances of ``count`` samples that keep edges as wide as the footprint makes them.
 
     The variance of a footprint of side L is L² / 12, and that of n samples evenly in it L² (1 - 1/n²) / 12. Bilinear
     interpolation adds edge_variance / 12. The factor ``spread`` of the samples' distances, below or above 1, makes the
@@ -102,9 +104,9 @@ def _sample_spread(squared_side, count, edge_variance):
     n samples of level 0, one texel apart (L = n, edge_variance = 1), have the spread 1.
 
     Args:
-        squared_side: f32x8, L², squared texels of the level.
-        count: f32x8, n.
-        edge_variance: f32x8, units of 1/12 squared texel.
+        squared_side: L², squared texels of the level.
+        count: n.
+        edge_variance: units of 1/12 squared texel.
     """
     one = vec.f32(1.0)
     squared_count = count * count
@@ -113,13 +115,15 @@ def _sample_spread(squared_side, count, edge_variance):
 
 
 @inlined
-def sample_area(texture, view, pixels, x, u, v, gradient):
-    """Return RGBA, 0 .. 1, f32x8 each, averaged over the footprints of eight pixels.
+def sample_area(
+    texture: ShadingTexture, view: TextureView, pixels: ShadedPixels, x: I64, u: F32x8, v: F32x8, gradient: F32x8x4
+) -> F32x8x4:
+    """Return RGBA, 0 .. 1, averaged over the footprints of eight pixels.
 
     Args:
-        texture, view: a TEXTURE and its TextureView.
+        texture, view: a ShadingTexture and its TextureView.
         pixels: its rows of texels are overwritten.
-        u, v: f32x8, texture coordinates of the pixels' centres.
+        u, v: texture coordinates of the pixels' centres.
     """
     du_dx, dv_dx, du_dy, dv_dy = gradient
     zero, half, one = vec.f32(0.0), vec.f32(0.5), vec.f32(1.0)
@@ -137,7 +141,7 @@ def sample_area(texture, view, pixels, x, u, v, gradient):
         spread_x = _sample_spread(squared_across, column_count, edge_variance)
         spread_y = _sample_spread(squared_down, row_count, edge_variance)
     r, g, b, alpha = zero, zero, zero, zero
-    # Each sample is located and read in the same rows of PIXELS; alpha is always read, and stored only if it is needed.
+    # Each sample is located and read in the same rows; alpha is always read, and stored only if it is needed.
     offsets, weights = texels_of_level(pixels, 0)
     # Each pixel has a grid of its own, and takes no part in the samples beyond it.
     for row in range(vec.maximum_of(rows)):

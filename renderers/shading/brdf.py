@@ -16,6 +16,7 @@ import numpy as np
 
 from renderers.compiler import simd as vec
 from renderers.compiler.device_function import inlined
+from renderers.compiler.simd import F32x8, F32x8x2, F32x8x3
 from renderers.shading.vec3 import cross, dot, times
 
 _VTK_MIN_COSINE: Final = np.float32(1e-5)
@@ -28,14 +29,14 @@ _MIN_ALPHA: Final = np.float32(1e-3)
 
 
 @inlined
-def headlight_cosines(normal, ray_x, ray_y):
+def headlight_cosines(normal: F32x8x3, ray_x: F32x8, ray_y: F32x8) -> F32x8x3:
     """Return n . l, n . v and v . l for a light along the optical axis: l = (0, 0, -1), v = -(ray_x, ray_y, 1) / |ray|.
 
     Where the normal has no direction, n . l is 0 or NaN.
 
     Args:
-        normal: three f32x8, of any length, on the visible side, in the optical frame.
-        ray_x, ray_y: f32x8, where the pixels' rays meet the plane z = 1, in the optical frame.
+        normal: of any length, on the visible side, in the optical frame.
+        ray_x, ray_y: where the pixels' rays meet the plane z = 1, in the optical frame.
     """
     zero, one = vec.f32(0.0), vec.f32(1.0)
     ray_length, normal_length = vec.sqrt(ray_x * ray_x + (ray_y * ray_y + one)), vec.sqrt(dot(normal, normal))
@@ -46,7 +47,7 @@ def headlight_cosines(normal, ray_x, ray_y):
 
 
 @inlined
-def vtk_specular(n_l, n_v, v_l, roughness):
+def vtk_specular(n_l: F32x8, n_v: F32x8, v_l: F32x8, roughness: F32x8) -> F32x8x2:
     """Return n . l, at least 1e-5, and D V n . l.
 
     D is the GGX distribution, V the Smith visibility term. The cosines are from ``headlight_cosines``. The minimum is
@@ -68,7 +69,7 @@ def vtk_specular(n_l, n_v, v_l, roughness):
 
 
 @inlined
-def schlick(v_l):
+def schlick(v_l: F32x8) -> F32x8:
     """Return Schlick's (1 - h . l)^5, where h . l = sqrt((1 + v . l) / 2)."""
     half = vec.f32(0.5)
     s = vec.maximum(vec.f32(1.0) - vec.sqrt(half + half * v_l), vec.f32(0.0))
@@ -76,8 +77,8 @@ def schlick(v_l):
 
 
 @inlined
-def vtk_colors(base_color, metallic):
-    """Return the diffuse colour, F0 and F90 - F0 of linear base colours, three f32x8 each.
+def vtk_colors(base_color: F32x8x3, metallic: F32x8) -> tuple[F32x8x3, F32x8x3, F32x8x3]:
+    """Return the diffuse colour, F0 and F90 - F0 of linear base colours.
 
     F0 is 0.04 for dielectrics; F90 = clamp(16.5 (F0.r + F0.g + F0.b)), as in VTK.
     """
@@ -95,7 +96,7 @@ def vtk_colors(base_color, metallic):
 
 
 @inlined
-def vtk_reflected(n_l, specular, fresnel, diffuse, f0, f90_minus_f0):
+def vtk_reflected(n_l: F32x8, specular: F32x8, fresnel: F32x8, diffuse: F32x8, f0: F32x8, f90_minus_f0: F32x8) -> F32x8:
     """Return one channel's linear radiance under a white headlight of radiance 1.
 
     This is metallic-roughness (glTF 2.0 appendix B) as VTK evaluates it. The diffuse part is
@@ -110,16 +111,26 @@ def vtk_reflected(n_l, specular, fresnel, diffuse, f0, f90_minus_f0):
 
 
 @inlined
-def reflected(n, v, l, n_l, base_color, metallic, roughness, f0, f90):
+def reflected(
+    n: F32x8x3,
+    v: F32x8x3,
+    l: F32x8x3,
+    n_l: F32x8,
+    base_color: F32x8x3,
+    metallic: F32x8,
+    roughness: F32x8,
+    f0: F32x8x3,
+    f90: F32x8,
+) -> F32x8x3:
     """Return the BRDF times the cosine of the light, RGB; undefined where ``n_l`` is not positive.
 
     A dielectric mixes diffuse and specular reflection by the largest channel of its Fresnel term. A metal reflects with
     its base colour.
 
     Args:
-        n, v, l: unit vectors, three f32x8 each.
-        n_l: f32x8, n . l.
-        f0, f90: reflectance of the dielectric at normal incidence (RGB) and at grazing angles (f32x8).
+        n, v, l: unit vectors.
+        n_l: n . l.
+        f0, f90: reflectance of the dielectric at normal incidence (RGB) and at grazing angles.
     """
     zero, one = vec.f32(0.0), vec.f32(1.0)
     n_v = vec.maximum(vec.absolute(dot(n, v)), vec.f32(1e-4))
@@ -139,11 +150,7 @@ def reflected(n, v, l, n_l, base_color, metallic, roughness, f0, f90):
     s = vec.minimum(vec.maximum(one - v_h, zero), one)
     s2 = s * s
     fresnel = s2 * s2 * s
-    f_r, f_g, f_b = (
-        f0[0] + (f90 - f0[0]) * fresnel,
-        f0[1] + (f90 - f0[1]) * fresnel,
-        f0[2] + (f90 - f0[2]) * fresnel,
-    )
+    f_r, f_g, f_b = (f0[0] + (f90 - f0[0]) * fresnel, f0[1] + (f90 - f0[1]) * fresnel, f0[2] + (f90 - f0[2]) * fresnel)
     dielectric_share = one - metallic
     diffuse = (one - vec.maximum(f_r, vec.maximum(f_g, f_b))) * dielectric_share * vec.f32(1.0 / math.pi)
     dielectric, metal = specular * dielectric_share, specular * metallic
@@ -156,7 +163,16 @@ def reflected(n, v, l, n_l, base_color, metallic, roughness, f0, f90):
 
 
 @inlined
-def ambient_channel(base_color, metallic, f0, f90, scale, bias, diffuse_light, specular_light):
+def ambient_channel(
+    base_color: F32x8,
+    metallic: F32x8,
+    f0: F32x8,
+    f90: F32x8,
+    scale: F32x8,
+    bias: F32x8,
+    diffuse_light: F32x8,
+    specular_light: F32x8,
+) -> F32x8:
     """Return one channel of the light that a surface reflects from the environment. All values are f32x8.
 
     Light that is scattered several times on rough surfaces is added as in Fdez-Aguera, "A Multiple-Scattering

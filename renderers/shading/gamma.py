@@ -9,6 +9,8 @@ from numpy.typing import NDArray
 
 from renderers.compiler import simd as vec
 from renderers.compiler.device_function import inlined
+from renderers.compiler.kernel_types import F32, Pointer
+from renderers.compiler.simd import F32x8, I32x8
 from renderers.shading.level_cells import CELL_BITS, CELL_SIZE, cell_starts, level_cells, level_thresholds
 from renderers.shading.vec3 import saturate
 
@@ -49,17 +51,17 @@ LINEAR_FROM_GAMMA: Final = _linear_from_gamma()
 
 
 @inlined
-def byte_from_unit(c):
+def byte_from_unit(c: F32x8) -> I32x8:
     """Return ``round(255 c)`` of an f32x8 as i32x8. NaN and values below 0 give 0, values above 1 give 255."""
     return vec.to_i32(saturate(c) * vec.f32(255.0) + vec.f32(0.5))
 
 
 @inlined
-def decode_gamma(c, linear_from_gamma):
+def decode_gamma(c: F32x8, linear_from_gamma: Pointer[F32]) -> F32x8:
     """Return ``c^2.2`` of an f32x8, clamped to 0 .. 1 (NaN to 0), with an error of at most 1e-7.
 
     Args:
-        linear_from_gamma: pointer to ``LINEAR_FROM_GAMMA``.
+        linear_from_gamma: ``LINEAR_FROM_GAMMA``.
     """
     step = saturate(c) * vec.f32(float(_STEPS))
     cell = vec.to_i32(step)
@@ -68,11 +70,11 @@ def decode_gamma(c, linear_from_gamma):
 
 
 @inlined
-def encode_gamma(c, gamma_from_linear):
+def encode_gamma(c: F32x8, gamma_from_linear: Pointer[F32]) -> F32x8:
     """Return ``c^(1/2.2)`` of an f32x8, clamped to 0 .. 1 (NaN to 0), with an error of at most 2e-6.
 
     Args:
-        gamma_from_linear: pointer to ``GAMMA_FROM_LINEAR``.
+        gamma_from_linear: ``GAMMA_FROM_LINEAR``.
     """
     c = vec.minimum(vec.maximum(c, vec.f32(_MIN_LINEAR)), vec.f32(1.0))
     bits = vec.float_bits(c) - vec.i32(_MIN_LINEAR_BITS)

@@ -7,12 +7,12 @@ from __future__ import annotations
 
 from typing import Final
 
-import numpy as np
-
 from renderers.compiler import simd as vec
 from renderers.compiler.device_function import device_function, inlined
+from renderers.compiler.kernel_types import F32, I64, Pointer, i64, u64
 from renderers.compiler.pointers import i32_at
-from renderers.shading.layout import HAS_COLORS, HAS_TANGENTS, HAS_UV0, HAS_UV1, SPAN_STRIDE, STRIDE
+from renderers.compiler.simd import F32x8, I32x8
+from renderers.shading.layout import HAS_COLORS, HAS_TANGENTS, HAS_UV0, HAS_UV1, SPAN_STRIDE, STRIDE, Segment
 from renderers.shading.vec3 import store3
 
 _OTHER_ATTRIBUTES: Final = HAS_UV0 | HAS_UV1 | HAS_COLORS | HAS_TANGENTS
@@ -21,77 +21,77 @@ weights."""
 
 
 @inlined
-def _span_starts_after(masks, x):
+def _span_starts_after(start_bits: Pointer[I64], x: I64) -> I64:
     """Return int64, a bit for each of the pixels x + 1 .. x + 9 of a row, set where a span begins.
 
     The last bit, of the first pixel of the next eight, only counts: see ``interpolate``.
 
     Args:
-        masks: as in SEGMENT; one more word follows the last pixel's.
+        start_bits: as in Segment; one more word follows the last pixel's.
     """
     # The upper word moves left by 64 - bit, in two steps, since a shift by 64 is undefined.
     word, bit = (x + 1) >> 6, (x + 1) & 63
-    low = np.uint64(masks[word]) >> np.uint64(bit)
-    return np.int64((low | ((np.uint64(masks[word + 1]) << np.uint64(63 - bit)) << np.uint64(1))) & np.uint64(255))
+    low = u64(start_bits[word]) >> u64(bit)
+    return i64((low | ((u64(start_bits[word + 1]) << u64(63 - bit)) << u64(1))) & u64(255))
 
 
 @inlined
-def pixel_columns(columns, x):
-    """Return the image columns of the pixels x .. x + 8 of a row, i32x8; ``columns`` as in SEGMENT."""
+def pixel_columns(columns: I64, x: I64) -> I32x8:
+    """Return the image columns of the pixels x .. x + 8 of a row; ``columns`` as in Segment."""
     if columns != 0:
         return vec.load(i32_at(columns), x)
     return vec.i32(x) + vec.iota()
 
 
 @inlined
-def _span_values(rows, row, at, offsets):
-    """Return the values in a row of SPANS for the spans of eight pixels, f32x8.
+def _span_values(rows: Pointer[F32], row: I64, at: I64, offsets: I32x8) -> F32x8:
+    """Return the values in a row of Spans for the spans of eight pixels.
 
     Args:
-        rows: pointer to a field of SPANS, of which ``row`` is one row.
-        at: index in SPANS of the first pixel's span; seven more are loaded.
-        offsets: i32x8, index of each pixel's span, counted from ``at``.
+        rows: pointer to a field of Spans, of which ``row`` is one row.
+        at: index in Spans of the first pixel's span; seven more are loaded.
+        offsets: index of each pixel's span, counted from ``at``.
     """
     return vec.permute(vec.load(rows, row * SPAN_STRIDE + at), offsets)
 
 
 @inlined
-def _along_span(rows, row, components, at, offsets, t):
-    """Return a value that is linear along spans, at eight pixels, f32x8.
+def _along_span(rows: Pointer[F32], row: I64, components: I64, at: I64, offsets: I32x8, t: F32x8) -> F32x8:
+    """Return a value that is linear along spans, at eight pixels.
 
     Args:
         rows, at, offsets: as in ``_span_values``.
         row: row of the value at the first pixel of each span. Its change per pixel is ``components`` rows
-            further: SPANS has all values first, then all changes.
-        t: f32x8, pixels from the beginning of each pixel's span.
+            further: Spans has all values first, then all changes.
+        t: pixels from the beginning of each pixel's span.
     """
     return _span_values(rows, row, at, offsets) + _span_values(rows, row + components, at, offsets) * t
 
 
 @device_function
-def _clear(rows, row, row_count, count):
-    """Fill ``row_count`` rows of PIXELS from ``row`` on with zeros."""
+def _clear(rows: Pointer[F32], row: I64, row_count: I64, count: I64) -> None:
+    """Fill ``row_count`` rows of ShadedPixels from ``row`` on with zeros."""
     for k in range(row, row + row_count):
         for x in range(0, count, vec.LANES):
             vec.store(rows, k * STRIDE + x, vec.f32(0.0))
 
 
 @inlined
-def interpolate(segment, begin, end):
-    """Fill PIXELS with the attributes of the row's pixels ``begin .. end``; ``set_up_spans`` has filled SPANS.
+def interpolate(segment: Segment, begin: I64, end: I64) -> None:
+    """Fill ShadedPixels with the attributes of the row's pixels ``begin .. end``; ``set_up_spans`` has filled Spans.
 
     Up to seven further values per row are overwritten. Texture coordinates that the material reads and the mesh lacks
     become 0, as do their gradients.
     """
-    spans, pixels, masks, columns = segment.spans, segment.pixels, segment.masks, segment.columns
+    spans, pixels, start_bits, columns = segment.spans, segment.pixels, segment.start_bits, segment.columns
     attributes, span_offsets = segment.attributes, segment.job.span_offsets
     has_gradients, has_surface = segment.material.has_gradients != 0, segment.material.has_surface != 0
-    at = np.int64(0)
+    at = i64(0)
     for x in range(begin, end, vec.LANES):
         pixel = x - begin  # in the part, as in _store_gradient
         # Seven bits tell the spans of these eight pixels: a row of spans.SPAN_OFFSETS. With the eighth bit, that of the
         # next eight's first pixel, their number takes ``at`` to that pixel's span.
-        starts = _span_starts_after(masks, x)
+        starts = _span_starts_after(start_bits, x)
         offsets = vec.load(span_offsets, vec.LANES * (starts & 127))
         column = vec.to_f32(pixel_columns(columns, x))
         t = column - _span_values(spans.begin, 0, at, offsets)
@@ -106,7 +106,7 @@ def interpolate(segment, begin, end):
             inv_weight_sum = vec.f32(1.0) / weight_sum
             for uv_set in range(2):
                 if attributes & (HAS_UV0 << uv_set):
-                    for k in range(2):  # rows of a set in SPANS: u, v, and their changes
+                    for k in range(2):  # rows of a set in Spans: u, v, and their changes
                         uv = _along_span(spans.uv, 4 * uv_set + k, 2, at, offsets, t) * inv_weight_sum
                         vec.store(pixels.uv, (2 * uv_set + k) * STRIDE + pixel, uv)
                         if has_gradients:
@@ -130,7 +130,9 @@ def interpolate(segment, begin, end):
 
 
 @inlined
-def _store_gradient(segment, uv_set, k, pixel, at, offsets, uv, inv_weight_sum):
+def _store_gradient(
+    segment: Segment, uv_set: I64, k: I64, pixel: I64, at: I64, offsets: I32x8, uv: F32x8, inv_weight_sum: F32x8
+) -> None:
     """Store how u (``k`` = 0) or v (1) of eight pixels changes per column and per row of the image.
 
     Let U be the weighted sum of u, and W the sum of the weights. Both are linear over the image, and u = U / W, so that
@@ -139,12 +141,12 @@ def _store_gradient(segment, uv_set, k, pixel, at, offsets, uv, inv_weight_sum):
     Args:
         pixel: index in the part of the first of the pixels.
         at, offsets: as in ``_span_values``.
-        uv: f32x8, u or v.
-        inv_weight_sum: f32x8, 1 / W.
+        uv: u or v.
+        inv_weight_sum: 1 / W.
     """
     spans = segment.spans
     for axis in range(2):  # columns, rows
-        # In SPANS and in PIXELS: du/dx, dv/dx, du/dy, dv/dy of uv0, then of uv1.
+        # In Spans and in ShadedPixels: du/dx, dv/dx, du/dy, dv/dy of uv0, then of uv1.
         row = 4 * uv_set + 2 * axis + k
         weight_sum_gradient = _span_values(spans.weight_sum_gradient, axis, at, offsets)
         gradient = (_span_values(spans.uv_gradient, row, at, offsets) - uv * weight_sum_gradient) * inv_weight_sum
@@ -152,16 +154,16 @@ def _store_gradient(segment, uv_set, k, pixel, at, offsets, uv, inv_weight_sum):
 
 
 @device_function
-def _store_surface(segment, columns, pixel, at, offsets, weight_sum):
+def _store_surface(segment: Segment, columns: F32x8, pixel: I64, at: I64, offsets: I32x8, weight_sum: F32x8) -> None:
     """Store ``flat_normal`` and ``point`` of eight pixels.
 
     Args:
-        columns: f32x8, image columns of the pixels.
+        columns: image columns of the pixels.
         pixel, at, offsets: as in ``_store_gradient``.
-        weight_sum: f32x8, sums of the weights.
+        weight_sum: sums of the weights.
     """
     spans, pixels, job = segment.spans, segment.pixels, segment.job
-    # SPANS.depth is z times the sum of the weights, and constant along a span.
+    # Spans.depth is z times the sum of the weights, and constant along a span.
     z = _span_values(spans.depth, 0, at, offsets) / weight_sum
     x = (columns + vec.f32(0.5 - job.cx)) * vec.f32(1.0 / job.fx) * z
     y = vec.f32((segment.y + 0.5 - job.cy) / job.fy) * z

@@ -14,6 +14,8 @@ from numpy.typing import NDArray
 
 from renderers.compiler import simd as vec
 from renderers.compiler.device_function import inlined
+from renderers.compiler.kernel_types import I32, Pointer
+from renderers.compiler.simd import F32x8, I32x8
 
 CELL_BITS: Final = 16
 CELL_SIZE: Final = 1 << CELL_BITS
@@ -57,15 +59,15 @@ def level_cells(thresholds: NDArray[np.float32]) -> NDArray[np.int32]:
 
 
 @inlined
-def _level(c, cells):
+def _level(c: F32x8, cells: Pointer[I32]) -> I32x8:
     """Return the level of an f32x8, 0 .. 255, in the third byte of an i32x8. Its lower bytes are undefined."""
     bits = vec.float_bits(vec.minimum(vec.maximum(c, vec.f32(_LOWEST)), vec.f32(1.0)))
     return vec.gather(cells, (bits >> vec.i32(CELL_BITS)) - vec.i32(_FIRST_CELL)) + bits
 
 
 @inlined
-def encoded_pixels(r, g, b, cells):
-    """Return eight linear colours (f32x8 each) as packed pixels, red in the lowest byte.
+def encoded_pixels(r: F32x8, g: F32x8, b: F32x8, cells: Pointer[I32]) -> I32x8:
+    """Return eight linear colours as packed pixels, red in the lowest byte.
 
     NaN and values below 0 give 0, values above 1 give 255.
 

@@ -1,27 +1,29 @@
 """Material maps at the pixels of a part: base colour, normal map, metallic-roughness, occlusion, emissive.
 
-Functions here fill rows of the segment's PIXELS for its first ``count`` pixels.
+Functions here fill rows of the segment's ShadedPixels for its first ``count`` pixels.
 """
 
 from __future__ import annotations
 
 from renderers.compiler import simd as vec
 from renderers.compiler.device_function import device_function, inlined
+from renderers.compiler.kernel_types import I64
+from renderers.compiler.simd import F32x8
 from renderers.shading.gamma import decode_gamma
-from renderers.shading.layout import HAS_COLORS, HAS_TANGENTS, STRIDE
+from renderers.shading.layout import HAS_COLORS, HAS_TANGENTS, STRIDE, Segment, ShadedPixels, ShadingMaterial
 from renderers.shading.materials import COLORS_DECODE, COLORS_REPLACE
 from renderers.shading.sampling import sample
 from renderers.shading.vec3 import cross, dot, load3, scale_to, select3, store3, times
 
 
 @inlined
-def has_varying_color(segment):
+def has_varying_color(segment: Segment) -> bool:
     """Return True if the base colour differs between the pixels of a segment."""
     return segment.material.base_color_texture >= 0 or segment.attributes & HAS_COLORS != 0
 
 
 @device_function
-def fill_base_color(segment, count, alpha):
+def fill_base_color(segment: Segment, count: I64, alpha: bool) -> None:
     """Fill the rows ``base_color``: factor x vertex colour x texture. The fourth row is filled only if ``alpha``."""
     material, pixels = segment.material, segment.pixels
     is_textured, is_colored = material.base_color_texture >= 0, segment.attributes & HAS_COLORS != 0
@@ -48,7 +50,7 @@ def fill_base_color(segment, count, alpha):
 
 
 @device_function
-def sample_maps(segment, count):
+def sample_maps(segment: Segment, count: I64) -> None:
     """Fill the rows ``metallic_roughness``, ``occlusion`` and ``emissive``, if the material has these textures."""
     material, pixels = segment.material, segment.pixels
     if material.metallic_roughness_texture >= 0:
@@ -60,7 +62,7 @@ def sample_maps(segment, count):
 
 
 @inlined
-def unoccluded_share(material, pixels, x):
+def unoccluded_share(material: ShadingMaterial, pixels: ShadedPixels, x: I64) -> F32x8:
     """Return the share of the light that occlusion leaves at eight pixels, after ``sample_maps``."""
     one = vec.f32(1.0)
     if material.occlusion_texture < 0:
@@ -72,7 +74,7 @@ def unoccluded_share(material, pixels, x):
 
 
 @device_function
-def apply_normal_map(segment, count):
+def apply_normal_map(segment: Segment, count: I64) -> None:
     """Replace the rows ``normal`` by unit normals from the material's normal map.
 
     Normals stay unchanged where a tangent has no direction. All do if there is no normal map or the mesh has no

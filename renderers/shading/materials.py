@@ -11,10 +11,10 @@ from numpy.typing import NDArray
 from renderers.color import srgb_from_linear
 from renderers.drawlist import AlphaMode, Material, Sampler, Texture, Wrap
 from renderers.interface import VTK_LOOKS, LookName
-from renderers.shading.layout import LAMBERT, MATERIAL, METALLIC_ROUGHNESS, UNLIT
+from renderers.shading.layout import LAMBERT, METALLIC_ROUGHNESS, UNLIT, ShadingMaterial
 from renderers.shading.texture_table import TextureTable
 
-_FIELDS: Final = MATERIAL.dtype.names or ()
+_FIELDS: Final = ShadingMaterial.dtype.names or ()
 
 VTK_PBR_ROUGHNESS: Final = 0.5
 """Roughness of VTK's own primitives under physically based shading: vtkProperty's default, whatever the exported
@@ -163,8 +163,8 @@ class MaterialTable:
         return bool(self._values[index]["normal_texture"] >= 0)
 
     def structs(self) -> NDArray[Any]:
-        """Return (n,) MATERIAL, at least one."""
-        structs = np.zeros(max(len(self._values), 1), MATERIAL.dtype)
+        """Return (n,) ShadingMaterial, at least one."""
+        structs = np.zeros(max(len(self._values), 1), ShadingMaterial.dtype)
         with np.errstate(over="ignore"):  # a factor beyond the range of float32 becomes infinite
             for k, values in enumerate(self._values):
                 structs[k] = tuple([values[name] for name in _FIELDS])
@@ -178,7 +178,7 @@ def _lighting(material: Material, look: LookName) -> int:
 
 
 def material_values(material: Material, look: LookName, lit: bool, textures: TextureTable) -> dict[str, Any]:
-    """Return the fields of a MATERIAL, by name; its textures are added to ``textures``.
+    """Return the fields of a ShadingMaterial, by name; its textures are added to ``textures``.
 
     Args:
         lit: as in ``MaterialTable.index_of``.

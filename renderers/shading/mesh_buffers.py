@@ -46,7 +46,7 @@ class MeshBuffers:
 
     @property
     def fields(self) -> tuple[int, int, int, int, int]:
-        """The last five fields of INSTANCE, from ``indices`` on. Valid while this object is alive."""
+        """The last five fields of ShadingInstance, from ``indices`` on. Valid while this object is alive."""
         return (
             address_of(self.indices, np.uint32),
             address_of(self.vertices, np.float32),

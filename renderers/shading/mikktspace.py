@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from renderers.compiler.device_function import device_function, inlined
 from renderers.compiler.jit import kernel
 from renderers.compiler.kernel_calls import is_set
+from renderers.compiler.kernel_types import F64, I64, U64, Address, Array1, Array2, u64
 from renderers.drawlist import Mesh, Topology
 from renderers.stop import current_stop
 
@@ -78,10 +79,7 @@ def _with_flat_normals(mesh: Mesh) -> Mesh:
 
 
 def corner_tangents(
-    positions: NDArray[np.float32],
-    normals: NDArray[np.float32],
-    uv: NDArray[np.float32],
-    triangles: NDArray[np.uint32],
+    positions: NDArray[np.float32], normals: NDArray[np.float32], uv: NDArray[np.float32], triangles: NDArray[np.uint32]
 ) -> NDArray[np.float32]:
     """Return the unit tangent and the bitangent's handedness at every corner of every triangle, (3 M, 4) float32.
 
@@ -118,15 +116,17 @@ def _hash_table(count: int) -> NDArray[np.int64]:
 
 
 @inlined
-def _hash(value):
+def _hash(value: U64) -> U64:
     """Return splitmix64's finalizer of a uint64."""
-    value = (value ^ (value >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
-    value = (value ^ (value >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)
-    return value ^ (value >> np.uint64(31))
+    value = (value ^ (value >> u64(30))) * u64(0xBF58476D1CE4E5B9)
+    value = (value ^ (value >> u64(27))) * u64(0x94D049BB133111EB)
+    return value ^ (value >> u64(31))
 
 
-@kernel("void(int64[:,::1], int64[::1], int64[::1], int64)")
-def _find_equal_rows(rows, first_equal, table, stop_address):
+@kernel
+def _find_equal_rows(
+    rows: Array2[np.int64], first_equal: Array1[np.int64], table: Array1[np.int64], stop_address: Address
+) -> None:
     """Find the first equal row for every row.
 
     Args:
@@ -134,13 +134,13 @@ def _find_equal_rows(rows, first_equal, table, stop_address):
         table: see ``_hash_table``.
         stop_address: address of a ``StopFlag``; the result is undefined once it is set.
     """
-    mask = np.uint64(table.shape[0] - 1)
+    mask = u64(table.shape[0] - 1)
     for k in range(rows.shape[0]):
         if k % _BLOCK == 0 and is_set(stop_address):
             return
-        key = np.uint64(0)
+        key = u64(0)
         for c in range(rows.shape[1]):
-            key = _hash(key + np.uint64(rows[k, c]) + np.uint64(0x9E3779B97F4A7C15))
+            key = _hash(key + u64(rows[k, c]) + u64(0x9E3779B97F4A7C15))
         slot = key & mask
         candidate = table[slot]
         while candidate >= 0:
@@ -149,7 +149,7 @@ def _find_equal_rows(rows, first_equal, table, stop_address):
                 is_equal &= rows[candidate, c] == rows[k, c]
             if is_equal:
                 break
-            slot = (slot + np.uint64(1)) & mask
+            slot = (slot + u64(1)) & mask
             candidate = table[slot]
         if candidate < 0:
             candidate = table[slot] = k
@@ -157,7 +157,7 @@ def _find_equal_rows(rows, first_equal, table, stop_address):
 
 
 @device_function
-def _find_group(parent, k):
+def _find_group(parent: Array1[np.int64], k: I64) -> I64:
     """Return the root of a union-find tree, and shorten the path to it."""
     while parent[k] != k:
         parent[k] = parent[parent[k]]
@@ -166,7 +166,7 @@ def _find_group(parent, k):
 
 
 @device_function
-def _join_groups(parent, j, k):
+def _join_groups(parent: Array1[np.int64], j: I64, k: I64) -> None:
     """Join the groups of the corners j and k. The lowest corner of a group is its root."""
     j, k = _find_group(parent, j), _find_group(parent, k)
     if j < k:
@@ -176,13 +176,20 @@ def _join_groups(parent, j, k):
 
 
 @inlined
-def _next_corner(corner):
+def _next_corner(corner: I64) -> I64:
     """Return the next corner of the same triangle: the end of the edge that begins at ``corner``."""
     return corner - corner % 3 + (corner + 1) % 3
 
 
 @device_function
-def _face_tangents(p, uv, corner_vertex, tangents, handedness, stop_address):
+def _face_tangents(
+    p: Array2[np.float64],
+    uv: Array2[np.float64],
+    corner_vertex: Array1[np.int64],
+    tangents: Array2[np.float64],
+    handedness: Array1[np.int8],
+    stop_address: Address,
+) -> None:
     """Fill each triangle's tangent, of any length, and handedness: 1, -1, or 0 if its uv triangle has no area."""
     for face in range(handedness.shape[0]):
         if face % _BLOCK == 0 and is_set(stop_address):
@@ -198,7 +205,13 @@ def _face_tangents(p, uv, corner_vertex, tangents, handedness, stop_address):
 
 
 @device_function
-def _group_corners(welded, handedness, table, parent, stop_address):
+def _group_corners(
+    welded: Array1[np.int64],
+    handedness: Array1[np.int8],
+    table: Array1[np.int64],
+    parent: Array1[np.int64],
+    stop_address: Address,
+) -> None:
     """Join the groups of corners at both ends of every edge that two triangles of one handedness share.
 
     An edge is identified by the corner that it begins at.
@@ -207,7 +220,7 @@ def _group_corners(welded, handedness, table, parent, stop_address):
         welded: (3 M,) index of the first vertex that equals the corner's vertex.
         parent: (3 M,) union-find trees of corners, updated.
     """
-    mask = np.uint64(table.shape[0] - 1)
+    mask = u64(table.shape[0] - 1)
     # For each pair of vertices, at the slot of its first edge: the last edge that has no neighbour yet; -1: none.
     open_edge = np.full(table.shape[0], -1)
     for edge in range(parent.shape[0]):
@@ -215,13 +228,13 @@ def _group_corners(welded, handedness, table, parent, stop_address):
             return
         edge_end = _next_corner(edge)
         low, high = min(welded[edge], welded[edge_end]), max(welded[edge], welded[edge_end])
-        slot = _hash(_hash(np.uint64(low) + np.uint64(0x9E3779B97F4A7C15)) + np.uint64(high)) & mask
+        slot = _hash(_hash(u64(low) + u64(0x9E3779B97F4A7C15)) + u64(high)) & mask
         candidate = table[slot]
         while candidate >= 0:
             a, b = welded[candidate], welded[_next_corner(candidate)]
             if min(a, b) == low and max(a, b) == high:
                 break
-            slot = (slot + np.uint64(1)) & mask
+            slot = (slot + u64(1)) & mask
             candidate = table[slot]
         if candidate < 0:
             table[slot] = open_edge[slot] = edge
@@ -244,10 +257,17 @@ def _group_corners(welded, handedness, table, parent, stop_address):
                 _join_groups(parent, other_end, edge)
 
 
-@kernel(
-    "void(float64[:,::1], float64[:,::1], float64[:,::1], int64[::1], int64[::1], int64[::1], float32[:,::1], int64)"
-)
-def _compute_tangents(p, n, uv, corner_vertex, welded, table, tangents, stop_address):
+@kernel
+def _compute_tangents(
+    p: Array2[np.float64],
+    n: Array2[np.float64],
+    uv: Array2[np.float64],
+    corner_vertex: Array1[np.int64],
+    welded: Array1[np.int64],
+    table: Array1[np.int64],
+    tangents: Array2[np.float32],
+    stop_address: Address,
+) -> None:
     """Fill ``tangents``, the result of ``corner_tangents``.
 
     Args:
@@ -293,7 +313,7 @@ def _compute_tangents(p, n, uv, corner_vertex, welded, table, tangents, stop_add
 
 
 @device_function
-def _in_plane(nx, ny, nz, x, y, z):
+def _in_plane(nx: F64, ny: F64, nz: F64, x: F64, y: F64, z: F64) -> tuple[F64, F64, F64]:
     """Return the unit vector along a vector's projection into the plane of a normal; 0 if the projection is 0."""
     d = nx * x + ny * y + nz * z
     x, y, z = x - d * nx, y - d * ny, z - d * nz

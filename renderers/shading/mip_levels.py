@@ -7,6 +7,8 @@ from typing import Final
 
 from renderers.compiler import simd as vec
 from renderers.compiler.device_function import inlined
+from renderers.compiler.simd import F32x8, I32x8, Mask8
+from renderers.shading.layout import ShadingTexture
 from renderers.shading.texture_table import MIPS_NEAREST, MIPS_NONE
 
 MAGNIFIED: Final = -1
@@ -14,12 +16,11 @@ MAGNIFIED: Final = -1
 
 
 @inlined
-def is_minified(texture, squared_side):
+def is_minified(texture: ShadingTexture, squared_side: F32x8) -> Mask8:
     """Return a mask of the pixels that see more than a texel of level 0.
 
     Args:
-        texture: a TEXTURE.
-        squared_side: f32x8, square of the longer side of the pixel's footprint, texels of level 0.
+        squared_side: square of the longer side of the pixel's footprint, texels of level 0.
     """
     # With a linear magnifying and a nearest minifying filter, minification begins at half a level (OpenGL 4.6, 8.14).
     begins_late = texture.mag_linear != 0 and texture.min_linear == 0 and texture.mips != MIPS_NONE
@@ -27,15 +28,14 @@ def is_minified(texture, squared_side):
 
 
 @inlined
-def mip_levels(texture, squared_side):
+def mip_levels(texture: ShadingTexture, squared_side: F32x8) -> tuple[I32x8, F32x8]:
     """Return the mip levels that the texture's sampler selects for eight minified pixels.
 
     Args:
         texture, squared_side: as in ``is_minified``.
 
     Returns:
-        level: i32x8.
-        next_weight: f32x8, weight of the next level, 0 .. 1.
+        next_weight: weight of the next level, 0 .. 1.
     """
     level, next_weight = vec.i32(0), vec.f32(0.0)
     if texture.mips != MIPS_NONE:
@@ -51,7 +51,7 @@ def mip_levels(texture, squared_side):
 
 
 @inlined
-def _half_log2(x):
+def _half_log2(x: F32x8) -> F32x8:
     """Return ``log2(x) / 2`` of an f32x8 >= 1, within 1e-6; 64 or more for infinity and NaN.
 
     x = 2^exponent (1 + fraction), so that log2 x = exponent + ln(1 + fraction) / ln 2. With

@@ -12,6 +12,7 @@ from renderers.color import linear_values_from_srgb, srgb_values_from_linear
 from renderers.compiler.device_function import device_function
 from renderers.compiler.jit import kernel, read_only
 from renderers.compiler.kernel_calls import is_set
+from renderers.compiler.kernel_types import I64, Address, Array1, Array3, ReadOnly3, i64, u8
 from renderers.drawlist import Image
 from renderers.shading.textures import texel_rows, texels_of
 from renderers.stop import current_stop
@@ -68,7 +69,7 @@ def make_chain(rgba: NDArray[np.uint8], srgb: bool) -> tuple[NDArray[np.uint8], 
 
 
 @device_function
-def _covered_texels(index, size, smaller_size):
+def _covered_texels(index: I64, size: I64, smaller_size: I64) -> tuple[I64, I64, I64, I64]:
     """Return the first source texel that a texel covers, and the weights of three texels from there on.
 
     A texel of the smaller level covers size / smaller_size source texels: 2, or up to 3 if the size is odd. The sum of
@@ -83,8 +84,14 @@ def _covered_texels(index, size, smaller_size):
     return first, w0, w1, w2
 
 
-@kernel("void(Array(uint8, 3, 'C', readonly=True), uint8[:,:,::1], uint16[::1], uint8[::1], int64)")
-def halve(source, level, to_linear, from_linear, stop_address):
+@kernel
+def halve(
+    source: ReadOnly3[np.uint8],
+    level: Array3[np.uint8],
+    to_linear: Array1[np.uint16],
+    from_linear: Array1[np.uint8],
+    stop_address: Address,
+) -> None:
     """Fill a mip level from the previous one.
 
     Args:
@@ -94,7 +101,7 @@ def halve(source, level, to_linear, from_linear, stop_address):
     """
     source_height, source_width = source.shape[0], source.shape[1]
     height, width = level.shape[0], level.shape[1]
-    area = np.int64(source_height) * source_width
+    area = i64(source_height) * source_width
     half_area = area // 2
     for y in range(height):
         if is_set(stop_address):
@@ -102,7 +109,7 @@ def halve(source, level, to_linear, from_linear, stop_address):
         first_row, row_w0, row_w1, row_w2 = _covered_texels(y, source_height, height)
         for x in range(width):
             first_column, column_w0, column_w1, column_w2 = _covered_texels(x, source_width, width)
-            red = green = blue = alpha = np.int64(0)
+            red = green = blue = alpha = i64(0)
             for j in range(3):
                 row_weight = row_w0 if j == 0 else (row_w1 if j == 1 else row_w2)
                 if row_weight == 0:
@@ -119,4 +126,4 @@ def halve(source, level, to_linear, from_linear, stop_address):
             level[y, x, 0] = from_linear[(red + half_area) // area]
             level[y, x, 1] = from_linear[(green + half_area) // area]
             level[y, x, 2] = from_linear[(blue + half_area) // area]
-            level[y, x, 3] = np.uint8((alpha + half_area) // area)
+            level[y, x, 3] = u8((alpha + half_area) // area)

@@ -6,18 +6,19 @@ from typing import Final
 
 from renderers.compiler import simd as vec
 from renderers.compiler.device_function import device_function
+from renderers.compiler.kernel_types import I32, I64, U8, Pointer
 
 _PREFETCH_DISTANCE: Final = 1024
 """Number of pixels between the one that is written and the one that is prefetched."""
 
 
 @device_function
-def write_packed_row(color, packed_row, width):
+def write_packed_row(color: Pointer[U8], packed_row: Pointer[I32], width: I64) -> None:
     """Write a packed row to a row of the image.
 
     Args:
-        color: pointer to the row, (width, 3) uint8.
-        packed_row: pointer to ``width`` int32, rounded up to whole vectors.
+        color: pointer to the row, (width, 3).
+        packed_row: ``width`` int32, rounded up to whole vectors.
     """
     # A vector store overruns by up to four bytes. The last pixels are stored singly, to keep the next row intact.
     vector_end = max(width - 2, 0) // vec.LANES * vec.LANES

@@ -1,9 +1,9 @@
-"""Texture sampling: fills rows of PIXELS from a texture, with OpenGL's filters or, with SHADING_JOB's ``area_filter``,
-averaged over each pixel's area.
+"""Texture sampling: fills rows of ShadedPixels from a texture, with OpenGL's filters or, with ``area_filter``, averaged
+over each pixel's area.
 
 Materials call ``sample``, and it the kernel ``sample_texture``, which calls the steps above it. In these, ``uv`` and
-``uv_gradient`` point to the rows of PIXELS of the texture's set of coordinates: two, and four if they are filled.
-``rows``: four rows of PIXELS that are filled with RGBA. ``view``: the texture's TextureView. ``uv_transform``: from
+``uv_gradient`` point to the rows of ShadedPixels of the texture's set of coordinates: two, and four if they are filled.
+``rows``: four rows that are filled with RGBA. ``view``: the texture's TextureView. ``uv_transform``: from
 ``_load_uv_transform``.
 """
 
@@ -11,47 +11,46 @@ from __future__ import annotations
 
 from typing import Final
 
-import numpy as np
-
 from renderers.compiler import simd as vec
 from renderers.compiler.device_function import device_function, inlined
 from renderers.compiler.jit import kernel
 from renderers.compiler.kernel_calls import call_kernel
+from renderers.compiler.kernel_types import F32, I32, I64, Address, Pointer, i64
 from renderers.compiler.pointers import address, advance, f32_at
+from renderers.compiler.simd import F32x8, F32x8x2, F32x8x4, F32x8x6
 from renderers.shading.area_filter import sample_area, squared_sides
-from renderers.shading.layout import SEGMENT, STRIDE
+from renderers.shading.layout import STRIDE, Segment, ShadedPixels, ShadingTexture
 from renderers.shading.mip_levels import MAGNIFIED, is_minified, mip_levels
-from renderers.shading.texels import locate, read_texels, texels_of_level, texture_view, wrapped
+from renderers.shading.texels import TextureView, locate, read_texels, texels_of_level, texture_view, wrapped
 from renderers.shading.texture_table import MIPS_NONE
 from renderers.shading.vec3 import load3, store3
 
-_segment_at = SEGMENT.at
 _MIN_PREFETCHED_TEXELS: Final = 1 << 17
 """Number of texels from which an image is prefetched: half a megabyte, more than a second-level cache holds.
 Shading with a texture of 2048 x 2048 takes 20 to 30 % less time, with mip levels 12 to 15 %."""
 
 
 @inlined
-def _load_uv_transform(texture):
-    """Return the six values of a TEXTURE's uv_transform, f32x8 each."""
+def _load_uv_transform(texture: ShadingTexture) -> F32x8x6:
+    """Return the six values of a texture's uv_transform."""
     m = texture.uv_transform
     return vec.f32(m[0]), vec.f32(m[1]), vec.f32(m[2]), vec.f32(m[3]), vec.f32(m[4]), vec.f32(m[5])
 
 
 @inlined
-def _transformed_uv(uv_transform, uv, x):
-    """Return (u, v) of eight pixels, transformed; ``uv``: pointer to the two rows of a set in PIXELS."""
+def _transformed_uv(uv_transform: F32x8x6, uv: Pointer[F32], x: I64) -> F32x8x2:
+    """Return (u, v) of eight pixels, transformed; ``uv``: pointer to the two rows of a set in ShadedPixels."""
     a, b, c, d, e, f = uv_transform
     u, v = vec.load(uv, x), vec.load(uv, STRIDE + x)
     return a * u + b * v + c, d * u + e * v + f
 
 
 @inlined
-def _transformed_gradient(uv_transform, uv_gradient, x):
+def _transformed_gradient(uv_transform: F32x8x6, uv_gradient: Pointer[F32], x: I64) -> F32x8x4:
     """Return the sides of eight pixels' footprints as texture coordinates: du/dx, dv/dx, du/dy, dv/dy.
 
     Args:
-        uv_gradient: pointer to the four rows of PIXELS for the texture's set of coordinates.
+        uv_gradient: pointer to the four rows of ShadedPixels for the texture's set of coordinates.
     """
     a, b, _, d, e, _ = uv_transform
     du_dx, dv_dx = vec.load(uv_gradient, x), vec.load(uv_gradient, x + STRIDE)
@@ -60,15 +59,25 @@ def _transformed_gradient(uv_transform, uv_gradient, x):
 
 
 @inlined
-def _store_texel(rows, x, rgba, alpha):
-    """Store RGB, and A only if ``alpha``, in four rows of PIXELS."""
+def _store_texel(rows: Pointer[F32], x: I64, rgba: F32x8x4, alpha: bool) -> None:
+    """Store RGB, and A only if ``alpha``, in four rows of ShadedPixels."""
     store3(rows, x, STRIDE, rgba)
     if alpha:
         vec.store(rows, 3 * STRIDE + x, rgba[3])
 
 
 @inlined
-def _sample_areas(texture, view, uv_transform, uv, uv_gradient, pixels, count, rows, alpha):
+def _sample_areas(
+    texture: ShadingTexture,
+    view: TextureView,
+    uv_transform: F32x8x6,
+    uv: Pointer[F32],
+    uv_gradient: Pointer[F32],
+    pixels: ShadedPixels,
+    count: I64,
+    rows: Pointer[F32],
+    alpha: bool,
+) -> None:
     """Fill ``rows`` with the texture's means over the pixels' areas."""
     for x in range(0, count, vec.LANES):
         u, v = _transformed_uv(uv_transform, uv, x)
@@ -77,8 +86,16 @@ def _sample_areas(texture, view, uv_transform, uv, uv_gradient, pixels, count, r
 
 
 @inlined
-def _select_levels(texture, view, uv_transform, uv, uv_gradient, pixels, count):
-    """Fill ``level``, ``next_weight`` and ``sample_uv`` of PIXELS; return True if any pixel is between two levels.
+def _select_levels(
+    texture: ShadingTexture,
+    view: TextureView,
+    uv_transform: F32x8x6,
+    uv: Pointer[F32],
+    uv_gradient: Pointer[F32],
+    pixels: ShadedPixels,
+    count: I64,
+) -> bool:
+    """Fill ``level``, ``next_weight`` and ``sample_uv``; return True if any pixel is between two levels.
 
     If the filter does not depend on the scale, ``level`` is 0 and not MAGNIFIED, and the filters of both are the same.
     If it does, ``uv_gradient`` is filled: ``materials`` sets ``has_gradients`` by Sampler.depends_on_scale.
@@ -109,21 +126,23 @@ def _select_levels(texture, view, uv_transform, uv, uv_gradient, pixels, count):
 
 
 @inlined
-def _any_between_levels(pixels, x):
+def _any_between_levels(pixels: ShadedPixels, x: I64) -> bool:
     """Return True if any of eight pixels is between two mip levels."""
     return vec.movemask(vec.load(pixels.next_weight, x) > vec.f32(0.0)) != 0
 
 
 @inlined
-def _prefetch(texels, offsets, x):
+def _prefetch(texels: Pointer[I32], offsets: Pointer[I32], x: I64) -> None:
     """Prefetch the texels that ``locate`` has stored for eight pixels."""
     for k in range(0, 2 * STRIDE, STRIDE):  # the rows of the upper and of the lower texels
         for lane in range(vec.LANES):
-            vec.prefetch(texels, np.int64(offsets[k + x + lane]))
+            vec.prefetch(texels, i64(offsets[k + x + lane]))
 
 
 @inlined
-def _locate_in_levels(texture, view, pixels, count, level_count):
+def _locate_in_levels(
+    texture: ShadingTexture, view: TextureView, pixels: ShadedPixels, count: I64, level_count: I64
+) -> None:
     """Fill ``texel_offsets`` and ``texel_weights`` for each pixel's level, and for the next one if it is between two.
 
     Args:
@@ -148,7 +167,9 @@ def _locate_in_levels(texture, view, pixels, count, level_count):
 
 
 @inlined
-def _read_levels(view, pixels, count, level_count, rows, alpha):
+def _read_levels(
+    view: TextureView, pixels: ShadedPixels, count: I64, level_count: I64, rows: Pointer[F32], alpha: bool
+) -> None:
     """Fill ``rows`` with the texels that ``_locate_in_levels`` has found, interpolated between levels."""
     for k in range(level_count):
         offsets, weights = texels_of_level(pixels, k)
@@ -162,8 +183,8 @@ def _read_levels(view, pixels, count, level_count, rows, alpha):
 
 
 @inlined
-def _mix_with_stored(rows, x, rgba, weight):
-    """Return RGBA between that in four rows of PIXELS (weight 0) and ``rgba`` (weight 1).
+def _mix_with_stored(rows: Pointer[F32], x: I64, rgba: F32x8x4, weight: F32x8) -> F32x8x4:
+    """Return RGBA between that in four rows of ShadedPixels (weight 0) and ``rgba`` (weight 1).
 
     Without ``alpha``, A is undefined and not stored.
     """
@@ -178,29 +199,29 @@ def _mix_with_stored(rows, x, rgba, weight):
 
 
 @device_function
-def sample(segment, index, count, rows, alpha):
+def sample(segment: Segment, index: I64, count: I64, rows: Pointer[F32], alpha: bool) -> None:
     """Sample a texture at the first ``count`` pixels, 0 .. 1 per channel, by ``sample_texture``.
 
     Texel centres are at ((i + 0.5) / width, (j + 0.5) / height). Mip levels and areas need the rows ``uv_gradient``.
 
     Args:
         index: index of the texture in the job's table.
-        rows: pointer to four rows of PIXELS that are filled.
+        rows: pointer to four rows of ShadedPixels that are filled.
         alpha: True: fill the fourth row, too. Otherwise it is undefined.
     """
-    call_kernel(segment.job.sampling_kernel, (address(segment), index, count, address(rows), np.int64(alpha)))
+    call_kernel(segment.job.sampling_kernel, (address(segment), index, count, address(rows), i64(alpha)))
 
 
-@kernel("void(int64, int64, int64, int64, int64)")
-def sample_texture(segment_address, index, count, rows_address, has_alpha):
+@kernel
+def sample_texture(segment_address: Address, index: I64, count: I64, rows_address: Address, has_alpha: I64) -> None:
     """Do what ``sample`` says: a kernel of its own, compiled once for all looks.
 
     Args:
-        segment_address: address of a SEGMENT.
+        segment_address: address of a Segment.
         rows_address: address of ``rows``.
         has_alpha: ``alpha``, 1 or 0.
     """
-    segment, rows, alpha = _segment_at(segment_address), f32_at(rows_address), has_alpha != 0
+    segment, rows, alpha = Segment(segment_address), f32_at(rows_address), has_alpha != 0
     job, pixels = segment.job, segment.pixels
     texture = job.textures[index]
     view = texture_view(texture, job.linear_from_byte)

@@ -14,11 +14,12 @@ from renderers.color import LINEAR_FROM_BYTE
 from renderers.compiler.device_function import inlined
 from renderers.compiler.jit import kernel
 from renderers.compiler.kernel_calls import kernel_address
+from renderers.compiler.kernel_types import F64, I64, Address, Pointer
 from renderers.compiler.pointers import address_of, advance, f64_at
 from renderers.drawlist import AlphaMode, Instance, Material, Mesh, Topology
 from renderers.interface import VTK_LOOKS, LookName
 from renderers.shading.gamma import LINEAR_FROM_GAMMA
-from renderers.shading.layout import INSTANCE, INSTANCE_MATRICES, MATERIAL, SHADING_JOB, TEXTURE
+from renderers.shading.layout import InstanceMatrices, ShadingInputs, ShadingInstance, ShadingMaterial, ShadingTexture
 from renderers.shading.materials import MaterialTable, drawn_material
 from renderers.shading.mesh_buffers import MeshBuffers, buffers_of
 from renderers.shading.sampling import sample_texture
@@ -27,8 +28,6 @@ from renderers.shading.spans import SPAN_OFFSETS
 from renderers.shading.texture_table import Parallel, TextureTable
 from renderers.shading.textures import texels_of
 from renderers.stop import check_stop
-
-_matrices_at = INSTANCE_MATRICES.at
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -40,11 +39,11 @@ class ShadingScene:
 
     look: LookName
     instances: NDArray[Any]
-    """(n,) INSTANCE; at least one."""
+    """(n,) ShadingInstance; at least one."""
     materials: NDArray[Any]
-    """(m,) MATERIAL; at least one."""
+    """(m,) ShadingMaterial; at least one."""
     textures: NDArray[Any]
-    """(t,) TEXTURE; at least one."""
+    """(t,) ShadingTexture; at least one."""
     cull_back: NDArray[np.bool_] | None
     """(n,) True for instances whose back faces are not shaded; None if there are none."""
     transparent: NDArray[np.bool_]
@@ -55,7 +54,7 @@ class ShadingScene:
     has_transparency: bool
     """True if ``transparent`` or ``blended_in_place`` is set for any instance: an image may need several layers."""
     tables: dict[str, int]
-    """The fields of SHADING_JOB that are addresses of tables."""
+    """The fields of ShadingInputs that are addresses of tables."""
     keep: tuple[Any, ...]
     """Objects that the addresses in the tables point into."""
 
@@ -123,7 +122,7 @@ def prepare(instances: Sequence[Instance], look: LookName, parallel: Parallel | 
             keep.append(buffers)
             fields = buffer_fields[id(mesh), tangent_set] = buffers.fields
         rows.append((topology, material, *fields))
-    table = np.array(rows, INSTANCE.dtype) if rows else np.zeros(1, INSTANCE.dtype)
+    table = np.array(rows, ShadingInstance.dtype) if rows else np.zeros(1, ShadingInstance.dtype)
     material_structs, texture_structs = materials.structs(), textures.structs(parallel)
     drawn = [drawn_material(instance.material, look) for instance in instances]
     cull_back = np.array([not material.double_sided for material in drawn], np.bool_)
@@ -143,9 +142,9 @@ def prepare(instances: Sequence[Instance], look: LookName, parallel: Parallel | 
         blended_in_place=blended_in_place,
         has_transparency=bool(transparent.any() or blended_in_place.any()),
         tables={
-            "instances": address_of(table, INSTANCE.dtype),
-            "materials": address_of(material_structs, MATERIAL.dtype),
-            "textures": address_of(texture_structs, TEXTURE.dtype),
+            "instances": address_of(table, ShadingInstance.dtype),
+            "materials": address_of(material_structs, ShadingMaterial.dtype),
+            "textures": address_of(texture_structs, ShadingTexture.dtype),
             "linear_from_byte": address_of(LINEAR_FROM_BYTE, np.float32),
             "linear_from_gamma": address_of(LINEAR_FROM_GAMMA, np.float32),
             "span_offsets": address_of(SPAN_OFFSETS, np.int32),
@@ -155,7 +154,7 @@ def prepare(instances: Sequence[Instance], look: LookName, parallel: Parallel | 
 
 
 class ShadingJob:
-    """A SHADING_JOB for one image or layer, and the memory that it points into. Immutable, thread-safe."""
+    """A ShadingInputs for one image or layer, and the memory that it points into. Immutable, thread-safe."""
 
     def __init__(
         self, shading: ShadingScene, camera: Camera, first_ids: int, X_camera_mesh: int, *, area_filter: bool = False
@@ -166,11 +165,11 @@ class ShadingJob:
             area_filter: as in ``Look``.
         """
         count = len(shading.transparent)
-        matrices, job = np.empty(len(shading.instances), INSTANCE_MATRICES.dtype), np.empty(1, SHADING_JOB.dtype)
-        matrices_address = address_of(matrices, INSTANCE_MATRICES.dtype)
+        matrices, job = np.empty(len(shading.instances), InstanceMatrices.dtype), np.empty(1, ShadingInputs.dtype)
+        matrices_address = address_of(matrices, InstanceMatrices.dtype)
         # As an int: with a bool, the first call would compile the kernel for another signature.
         compute_instance_matrices(X_camera_mesh, matrices_address, count, int(shading.look in VTK_LOOKS))
-        job[0] = SHADING_JOB.record(
+        job[0] = ShadingInputs.record(
             instance_count=count,
             first_ids=first_ids,
             X_camera_mesh=X_camera_mesh,
@@ -184,24 +183,26 @@ class ShadingJob:
             sampling_kernel=kernel_address(sample_texture),
             **shading.tables,
         )
-        self.address = address_of(job, SHADING_JOB.dtype)
+        self.address = address_of(job, ShadingInputs.dtype)
         """Valid while this object is alive."""
         self._keep = (shading, matrices, job)
 
 
-@kernel("void(int64, int64, int64, int64)", releases_gil=False)
-def compute_instance_matrices(X_camera_mesh_address, matrices_address, count, inverts_mirrored):
-    """Fill INSTANCE_MATRICES, each matrix up to a positive factor.
+@kernel(releases_gil=False)
+def compute_instance_matrices(
+    X_camera_mesh_address: Address, matrices_address: Address, count: I64, inverts_mirrored: I64
+) -> None:
+    """Fill InstanceMatrices, each matrix up to a positive factor.
 
     The matrix of normals is the inverse transpose, as a matrix of cofactors: it is defined for scales of 0, too.
 
     Args:
         X_camera_mesh_address: address of (count, 4, 4) float64.
-        matrices_address: address of (count,) INSTANCE_MATRICES.
+        matrices_address: address of (count,) InstanceMatrices.
         inverts_mirrored: not 0: invert the normals of mirrored instances, so that no light reaches them. VTK treats
             their front faces as back faces.
     """
-    all_matrices = _matrices_at(matrices_address)
+    all_matrices = InstanceMatrices(matrices_address)
     for k in range(count):
         X, matrices = advance(f64_at(X_camera_mesh_address), 16 * k), all_matrices[k]
         max_cofactor, max_value = 0.0, 0.0
@@ -226,7 +227,7 @@ def compute_instance_matrices(X_camera_mesh_address, matrices_address, count, in
 
 
 @inlined
-def _cofactor(X, row, column):
+def _cofactor(X: Pointer[F64], row: I64, column: I64) -> F64:
     """Return a cofactor of the upper left (3, 3) block of a (4, 4) matrix (a pointer to float64)."""
     row1, row2 = 4 * ((row + 1) % 3), 4 * ((row + 2) % 3)
     column1, column2 = (column + 1) % 3, (column + 2) % 3

@@ -1,20 +1,29 @@
-"""Set-up of spans: weighted sums of the vertices' attributes at the first pixel of a span, and their change per pixel.
+"""Set-up of spans: attributes of eight spans at a time, as linear functions of the pixel.
 
-``interpolation`` divides the sums by the sum of the weights (``span_weights``).
+In: the spans of a Segment, each with its first pixel and the primitive that it sees, and the vertices of the mesh.
+Out: for each attribute, two values a span, in rows of Spans:
+
+    weighted sum
+        │            ·     start + change * (pixel - first pixel)
+        │       ·
+        │  ·               start, change: sums of the attribute at the three vertices, weighted as ``span_weights`` says
+        └─────────────── pixels of the span
+
+``interpolation`` divides by the sum of the weights at each pixel, which makes the attributes perspective-correct.
 """
 
 from __future__ import annotations
 
 import math
-from typing import Final
-
-import numpy as np
+from typing import Final, Generic, NamedTuple, TypeVar
 
 from renderers.compiler import simd as vec
 from renderers.compiler.device_function import device_function, inlined
 from renderers.compiler.jit import kernel
 from renderers.compiler.kernel_calls import call_kernel
-from renderers.compiler.pointers import address, i32_at
+from renderers.compiler.kernel_types import F32, I64, Address, Pointer, i64
+from renderers.compiler.pointers import address, advance, i32_at
+from renderers.compiler.simd import F32x8, F32x8x3, F32x8x4, F32x8x8, F64x8, F64x8x3, I32x8, I32x8x3
 from renderers.drawlist import Topology
 from renderers.shading.layout import (
     E_COLUMNS,
@@ -25,158 +34,165 @@ from renderers.shading.layout import (
     HAS_TANGENTS,
     HAS_UV0,
     HAS_UV1,
-    SEGMENT,
     SPAN_STRIDE,
+    UV_SET_ROWS,
     V_COLUMNS,
     V_NORMAL,
     V_UV0,
+    Segment,
 )
-from renderers.shading.span_weights import TRIANGLES, rays_of, scaled_weights, weight_matrix
+from renderers.shading.span_weights import TRIANGLES, Weights, rays_of, scaled_weights, weight_matrix
 from renderers.shading.vec3 import cross, dot, minus, times, to_f32x3, transform_directions, transform_points
 
 _LINES: Final = int(Topology.LINES)
-_segment_at = SEGMENT.at
-_SIGN: Final = E_TANGENT + 3
-"""Column of ``extras`` with the sign of the bitangent."""
+_E_BITANGENT_SIGN: Final = E_TANGENT + 3
+_COLOR_COLUMNS: Final = 4
+_ALL_LANES: Final = (1 << vec.LANES) - 1
+Columns = TypeVar("Columns", F32x8x4, F32x8x8)
+"""Colours, or V_COLUMNS or E_COLUMNS values, of one vertex of each of eight primitives."""
 
 
-@inlined
-def _vertex_indices(segment, primitive):
-    """Return the indices of the three vertices of eight primitives, i32x8 each. Lines and points repeat the last one.
+class Corners(NamedTuple, Generic[Columns]):
+    """Attributes at the three vertices of eight primitives."""
 
-    Args:
-        primitive: i32x8, indices among the primitives of the mesh.
+    a: Columns
+    b: Columns
+    c: Columns
+
+
+class Halves(NamedTuple):
+    """Weights of the three vertices for the two halves of a field's rows in Spans.
+
+    They are those at the first pixel and their change per pixel, or, for gradients, their changes per column and row.
     """
-    indices = segment.instance.indices
-    if segment.instance.topology == TRIANGLES:
-        return vec.load_elements(indices, primitive * vec.i32(3))
-    if segment.instance.topology == _LINES:
-        second = vec.gather(indices, primitive + primitive + vec.i32(1))
-        return vec.gather(indices, primitive + primitive), second, second
-    only = vec.gather(indices, primitive)
-    return only, only, only
 
-
-@inlined
-def _weighted_sum(weights, a, b, c):
-    """Return the weighted sum of one attribute of three vertices, f32x8; ``weights``: three f32x8."""
-    return weights[0] * a + weights[1] * b + weights[2] * c
-
-
-@inlined
-def _weighted_sum3(weights, a, b, c, k):
-    """Return the weighted sums of the values k, k + 1 and k + 2 of three vertices."""
-    return (
-        _weighted_sum(weights, a[k], b[k], c[k]),
-        _weighted_sum(weights, a[k + 1], b[k + 1], c[k + 1]),
-        _weighted_sum(weights, a[k + 2], b[k + 2], c[k + 2]),
-    )
-
-
-@inlined
-def _store_weighted_sums(rows, row, count, at, weights, weight_steps, a, b, c, k):
-    """Store weighted sums of the values ``k .. k + count`` of three vertices in ``count`` rows from ``row`` on.
-
-    The sums with ``weight_steps`` are stored in the ``count`` rows after them.
-
-    Args:
-        weights, weight_steps: three f32x8 each, fields of Weights.
-        a, b, c: values of the vertices, one f32x8 per column of ``vertices``, ``extras`` or ``colors``.
-    """
-    for j in range(count):
-        vec.store(rows, (row + j) * SPAN_STRIDE + at, _weighted_sum(weights, a[k + j], b[k + j], c[k + j]))
-        vec.store(rows, (row + count + j) * SPAN_STRIDE + at, _weighted_sum(weight_steps, a[k + j], b[k + j], c[k + j]))
-
-
-@inlined
-def _store3(rows, row, at, values):
-    """Store three f32x8 in the rows of SPANS from ``row`` on."""
-    vec.store(rows, row * SPAN_STRIDE + at, values[0])
-    vec.store(rows, (row + 1) * SPAN_STRIDE + at, values[1])
-    vec.store(rows, (row + 2) * SPAN_STRIDE + at, values[2])
+    first: F32x8x3
+    second: F32x8x3
 
 
 @device_function
-def _store_gradients(segment, at, weights, a, b, c):
-    """Store how the sum of the weights and the weighted sum of uv0 change per column and per row of the image.
-
-    Args:
-        weights: a Weights.
-        a, b, c: vertices, V_COLUMNS f32x8 each.
-    """
-    spans = segment.spans
-    _store_sums(spans.weight_sum_gradient, 0, at, weights.per_column, weights.per_row)
-    if segment.attributes & HAS_UV0:
-        _store_weighted_sums(spans.uv_gradient, 0, 2, at, weights.per_column, weights.per_row, a, b, c, V_UV0)
-
-
-@device_function
-def _set_up_eight(segment, span, count, at):
-    """Fill SPANS with at most eight spans from ``span`` on.
-
-    Args:
-        count: number of spans, 1 .. 8.
+def set_up_spans(segment: Segment, span: I64, part_end_span: I64, end_span: I64) -> bool:
+    """Fill Spans with the spans ``span .. part_end_span`` of a segment that ends at ``end_span``; at most PART spans.
 
     Returns:
         True if the normal is constant along each span.
     """
-    X_camera_mesh, job, material = segment.X_camera_mesh, segment.job, segment.material
-    starts, spans, attributes = segment.starts, segment.spans, segment.attributes
-    # Lanes beyond the last span repeat it: the ids there belong to other instances.
-    lane = vec.minimum(vec.iota(), vec.i32(count - 1))
-    primitive_id = vec.permute(vec.load(segment.ids, span), lane)
-    first_column = vec.permute(vec.load(starts, span), lane)
-    step_count = vec.to_f64(vec.permute(vec.load(starts, span + 1), lane) - first_column - vec.i32(1))
-    if segment.columns != 0:
-        first_column = vec.gather(i32_at(segment.columns), first_column)
-    indices = _vertex_indices(segment, primitive_id - vec.i32(segment.first_id))
-    a, b, c = _load_vertices(segment.instance.vertices, indices)
-    p0 = transform_points(X_camera_mesh, a)
-    p1 = transform_points(X_camera_mesh, b)
-    p2 = transform_points(X_camera_mesh, c)
-    rays = rays_of(job, segment.y, first_column, step_count)
-    matrix, determinant, sign = weight_matrix(segment.instance.topology, p0, p1, p2, rays)
-    weights, scale = scaled_weights(matrix, sign, rays, step_count, job)
-    mirror = vec.f32(segment.matrices.mirror)
-    facing = vec.select(determinant > vec.f64(0.0), -mirror, mirror)
-    vec.store(spans.begin, at, vec.to_f32(first_column))
-    vec.store(spans.facing, at, facing)
-    _store_sums(spans.weight_sum, 0, at, weights.first, weights.per_pixel)
-    is_constant = True
-    if attributes & HAS_NORMALS:
-        is_constant = _store_normals(segment, at, weights, a, b, c, facing)
-    if not attributes & HAS_NORMALS or material.has_surface != 0:
-        _store_flat_normals(segment, at, p0, p1, p2, sign)
-    if attributes & HAS_UV0:
-        _store_weighted_sums(spans.uv, 0, 2, at, weights.first, weights.per_pixel, a, b, c, V_UV0)
-    if material.has_surface != 0:
-        vec.store(spans.depth, at, vec.to_f32(vec.absolute(determinant) * scale))
-    if material.has_gradients != 0:
-        _store_gradients(segment, at, weights, a, b, c)
-    if attributes & HAS_COLORS:
-        u, v, w = _load_colors(segment.instance.colors, indices)
-        _store_weighted_sums(spans.color, 0, 4, at, weights.first, weights.per_pixel, u, v, w, 0)
-    if attributes & (HAS_UV1 | HAS_TANGENTS):
-        _store_extras(segment, at, weights, indices)
-    return is_constant
+    call_kernel(segment.job.span_setup_kernel, (address(segment), span, part_end_span, end_span))
+    return segment.has_constant_normals != 0
+
+
+@kernel
+def set_up_part(segment_address: Address, span: I64, part_end_span: I64, end_span: I64) -> None:
+    """``set_up_spans``, compiled once for all looks. Its result is in the segment's ``has_constant_normals``."""
+    segment, has_constant_normals = Segment(segment_address), True
+    prefetches = segment.instance.topology == TRIANGLES and end_span - span > 4 * vec.LANES
+    for first in range(span, part_end_span, vec.LANES):
+        if prefetches:
+            _prefetch(segment, first, end_span)
+        count = min(part_end_span - first, vec.LANES)
+        has_constant_normals = _set_up_eight(segment, first, count, first - span) and has_constant_normals
+    segment.has_constant_normals = has_constant_normals
 
 
 @inlined
-def _load_vertices(vertices, indices):
-    """Return the values of three vertices of eight primitives, V_COLUMNS f32x8 each."""
-    columns = vec.i32(V_COLUMNS)
-    return (
-        vec.load_octets(vertices, indices[0] * columns),
-        vec.load_octets(vertices, indices[1] * columns),
-        vec.load_octets(vertices, indices[2] * columns),
+def _prefetch(segment: Segment, span: I64, end_span: I64) -> None:
+    """Prefetch vertices of the spans two batches ahead, and indices of those four batches ahead.
+
+    Meshes of a million triangles do not fit the cache: without this, frames take a fifth longer.
+    """
+    primitive_ids, first_id = segment.ids, segment.first_id
+    indices, vertices = segment.instance.indices, segment.instance.vertices
+    for k in range(min(span + 2 * vec.LANES, end_span), min(span + 3 * vec.LANES, end_span)):
+        first_index = 3 * (i64(primitive_ids[k]) - first_id)
+        for corner in range(3):
+            vec.prefetch(vertices, i64(indices[first_index + corner]) * V_COLUMNS)
+    for k in range(min(span + 4 * vec.LANES, end_span), min(span + 5 * vec.LANES, end_span)):
+        vec.prefetch(indices, 3 * (i64(primitive_ids[k]) - first_id))
+
+
+@device_function
+def _set_up_eight(segment: Segment, span: I64, count: I64, at: I64) -> bool:
+    """Fill the columns ``at .. at + 8`` of Spans with ``count`` spans, 1 .. 8, from ``span`` on.
+
+    Returns:
+        True if the normal is constant along each span.
+    """
+    spans, material, attributes = segment.spans, segment.material, segment.attributes
+    # Pixels and primitive. Lanes beyond the last span repeat it: the ids there belong to other instances.
+    lane = vec.minimum(vec.iota(), vec.i32(count - 1))
+    primitive_id = vec.permute(vec.load(segment.ids, span), lane)
+    first_column = vec.permute(vec.load(segment.starts, span), lane)
+    step_count = vec.to_f64(vec.permute(vec.load(segment.starts, span + 1), lane) - first_column - vec.i32(1))
+    if segment.columns != 0:
+        first_column = vec.gather(i32_at(segment.columns), first_column)
+
+    # Vertices, in the optical frame.
+    indices = _vertex_indices(segment, primitive_id - vec.i32(segment.first_id))
+    corners = _load_eight_columns(segment.instance.vertices, indices, V_COLUMNS)
+    p0 = transform_points(segment.X_camera_mesh, corners.a)
+    p1 = transform_points(segment.X_camera_mesh, corners.b)
+    p2 = transform_points(segment.X_camera_mesh, corners.c)
+
+    # Weights.
+    rays = rays_of(segment.job, segment.y, first_column, step_count)
+    matrix, determinant, sign = weight_matrix(segment.instance.topology, p0, p1, p2, rays)
+    weights, scale = scaled_weights(matrix, sign, rays, step_count, segment.job)
+    along_span = Halves(first=weights.first, second=weights.per_pixel)
+    mirror = vec.f32(segment.matrices.mirror)
+    facing = vec.select(determinant > vec.f64(0.0), -mirror, mirror)
+
+    # Attributes that the mesh has and the material reads.
+    vec.store(spans.begin, at, vec.to_f32(first_column))
+    vec.store(spans.facing, at, facing)
+    _store_weight_sums(advance(spans.weight_sum, at), along_span)
+    has_constant_normals = True
+    if attributes & HAS_NORMALS:
+        has_constant_normals = _store_normals(segment, at, along_span, corners, facing)
+    if not attributes & HAS_NORMALS or material.has_surface != 0:
+        _store_flat_normals(segment, at, p0, p1, p2, sign)
+    if attributes & HAS_UV0:
+        _store_attributes(advance(spans.uv, at), 2, along_span, corners, V_UV0)
+    if material.has_surface != 0:
+        vec.store(spans.depth, at, vec.to_f32(vec.absolute(determinant) * scale))
+    if material.has_gradients != 0:
+        _store_gradients(segment, at, weights, corners)
+    if attributes & HAS_COLORS:
+        colors = _load_colors(segment.instance.colors, indices)
+        _store_attributes(advance(spans.color, at), _COLOR_COLUMNS, along_span, colors, 0)
+    if attributes & (HAS_UV1 | HAS_TANGENTS):
+        _store_extras(segment, at, weights, _load_eight_columns(segment.instance.extras, indices, E_COLUMNS))
+    return has_constant_normals
+
+
+@inlined
+def _vertex_indices(segment: Segment, mesh_index: I32x8) -> I32x8x3:
+    """Return the indices of the three vertices of eight primitives. Lines and points repeat the last one."""
+    indices = segment.instance.indices
+    if segment.instance.topology == TRIANGLES:
+        return vec.load_elements(indices, mesh_index * vec.i32(3))
+    if segment.instance.topology == _LINES:
+        second = vec.gather(indices, mesh_index + mesh_index + vec.i32(1))
+        return vec.gather(indices, mesh_index + mesh_index), second, second
+    only = vec.gather(indices, mesh_index)
+    return only, only, only
+
+
+@inlined
+def _load_eight_columns(table: Pointer[F32], indices: I32x8x3, column_count: I64) -> Corners[F32x8x8]:
+    """Return the vertices' values in a table of eight columns."""
+    columns = vec.i32(column_count)
+    return Corners(
+        vec.load_octets(table, indices[0] * columns),
+        vec.load_octets(table, indices[1] * columns),
+        vec.load_octets(table, indices[2] * columns),
     )
 
 
 @inlined
-def _load_colors(colors, indices):
-    """Return the colours of three vertices of eight primitives, four f32x8 each."""
-    columns = vec.i32(4)
-    return (
+def _load_colors(colors: Pointer[F32], indices: I32x8x3) -> Corners[F32x8x4]:
+    """Return the vertices' colours."""
+    columns = vec.i32(_COLOR_COLUMNS)
+    return Corners(
         vec.load_quads(colors, indices[0] * columns),
         vec.load_quads(colors, indices[1] * columns),
         vec.load_quads(colors, indices[2] * columns),
@@ -184,40 +200,70 @@ def _load_colors(colors, indices):
 
 
 @inlined
-def _store_sums(rows, row, at, weights, weight_steps):
-    """Store the sum of weights in a row of SPANS, and that of their changes in the next one; three f32x8 each."""
-    vec.store(rows, row * SPAN_STRIDE + at, weights[0] + weights[1] + weights[2])
-    vec.store(rows, (row + 1) * SPAN_STRIDE + at, weight_steps[0] + weight_steps[1] + weight_steps[2])
+def _weighted_sum(weights: F32x8x3, corners: Corners[Columns], k: I64) -> F32x8:
+    """Return the weighted sum of column ``k``."""
+    return weights[0] * corners.a[k] + weights[1] * corners.b[k] + weights[2] * corners.c[k]
 
 
 @inlined
-def _store_normals(segment, at, weights, a, b, c, facing):
-    """Store the normals of vertices; return True if they are constant along each span.
+def _weighted_sum3(weights: F32x8x3, corners: Corners[F32x8x8], k: I64) -> F32x8x3:
+    """Return the weighted sums of the columns k, k + 1 and k + 2."""
+    return (
+        _weighted_sum(weights, corners, k),
+        _weighted_sum(weights, corners, k + 1),
+        _weighted_sum(weights, corners, k + 2),
+    )
 
-    Args:
-        weights: a Weights.
-        a, b, c: vertices, V_COLUMNS f32x8 each.
-        facing: f32x8, as SPANS.facing.
-    """
-    spans, matrix, zero, k = segment.spans, segment.matrices.normal, vec.f32(0.0), V_NORMAL
+
+@inlined
+def _store3(rows: Pointer[F32], values: F32x8x3) -> None:
+    """Store three values for each of eight spans in neighbouring rows."""
+    vec.store(rows, 0, values[0])
+    vec.store(rows, SPAN_STRIDE, values[1])
+    vec.store(rows, 2 * SPAN_STRIDE, values[2])
+
+
+@inlined
+def _store_attributes(
+    rows: Pointer[F32], count: I64, halves: Halves, corners: Corners[Columns], first_column: I64
+) -> None:
+    """Store the weighted sums of ``count`` columns: ``count`` rows for the first half, as many for the second."""
+    for j in range(count):
+        vec.store(rows, j * SPAN_STRIDE, _weighted_sum(halves.first, corners, first_column + j))
+        vec.store(rows, (count + j) * SPAN_STRIDE, _weighted_sum(halves.second, corners, first_column + j))
+
+
+@inlined
+def _store_weight_sums(rows: Pointer[F32], halves: Halves) -> None:
+    """Store the sums of the weights themselves, one row for each half."""
+    vec.store(rows, 0, halves.first[0] + halves.first[1] + halves.first[2])
+    vec.store(rows, SPAN_STRIDE, halves.second[0] + halves.second[1] + halves.second[2])
+
+
+@inlined
+def _store_normals(segment: Segment, at: I64, along_span: Halves, corners: Corners[F32x8x8], facing: F32x8) -> bool:
+    """Store the normals of vertices; return True if they are constant along each span. ``facing``: as Spans.facing."""
+    normals, matrix, k = advance(segment.spans.normal, at), segment.matrices.normal, V_NORMAL
+    a, b, c = corners.a, corners.b, corners.c
     is_same = (a[k] == b[k]) & (a[k + 1] == b[k + 1]) & (a[k + 2] == b[k + 2])
     is_same = is_same & (a[k] == c[k]) & (a[k + 1] == c[k + 1]) & (a[k + 2] == c[k + 2])
-    is_constant = vec.movemask(is_same) == 255
-    normal, step = (a[k], a[k + 1], a[k + 2]), (zero, zero, zero)
+    is_constant = vec.movemask(is_same) == _ALL_LANES
+    zero = vec.f32(0.0)
+    start, change = (a[k], a[k + 1], a[k + 2]), (zero, zero, zero)
     if not is_constant:
-        normal, step = _weighted_sum3(weights.first, a, b, c, k), _weighted_sum3(weights.per_pixel, a, b, c, k)
-    _store3(spans.normal, 0, at, times(transform_directions(matrix, normal), facing))
-    _store3(spans.normal, 3, at, times(transform_directions(matrix, step), facing))
+        start, change = _weighted_sum3(along_span.first, corners, k), _weighted_sum3(along_span.second, corners, k)
+    _store3(normals, times(transform_directions(matrix, start), facing))
+    _store3(advance(normals, 3 * SPAN_STRIDE), times(transform_directions(matrix, change), facing))
     return is_constant
 
 
 @inlined
-def _store_flat_normals(segment, at, p0, p1, p2, sign):
+def _store_flat_normals(segment: Segment, at: I64, p0: F64x8x3, p1: F64x8x3, p2: F64x8x3, sign: F64x8) -> None:
     """Store the unit normals of triangles, also as those of vertices where a mesh has none.
 
     Args:
-        p0, p1, p2: vertices, three f64x8 each, metres, optical frame.
-        sign: f64x8, of ``weight_matrix``.
+        p0, p1, p2: vertices, metres, optical frame.
+        sign: of ``weight_matrix``.
     """
     spans, zero, one = segment.spans, vec.f64(0.0), vec.f64(1.0)
     plane_normal = cross(minus(p1, p0), minus(p2, p0))
@@ -227,82 +273,39 @@ def _store_flat_normals(segment, at, p0, p1, p2, sign):
     scale = vec.select(has_length, (zero - sign) / vec.select(has_length, length, one), zero)
     normal = to_f32x3(times(plane_normal, scale))
     if not segment.attributes & HAS_NORMALS:
-        _store3(spans.normal, 0, at, normal)
-        _store3(spans.normal, 3, at, (vec.f32(0.0), vec.f32(0.0), vec.f32(0.0)))
-    _store3(spans.flat_normal, 0, at, normal)
-
-
-@inlined
-def _store_extras(segment, at, weights, indices):
-    """Store weighted sums of uv1 and of tangents.
-
-    Args:
-        weights: a Weights.
-        indices: three i32x8, of the vertices.
-    """
-    spans, matrix, extras = segment.spans, segment.matrices.tangent, segment.instance.extras
-    columns = vec.i32(E_COLUMNS)
-    a = vec.load_octets(extras, indices[0] * columns)
-    b = vec.load_octets(extras, indices[1] * columns)
-    c = vec.load_octets(extras, indices[2] * columns)
-    if segment.attributes & HAS_UV1:
-        _store_weighted_sums(spans.uv, 4, 2, at, weights.first, weights.per_pixel, a, b, c, E_UV1)
-        if segment.material.has_gradients != 0:
-            _store_weighted_sums(spans.uv_gradient, 4, 2, at, weights.per_column, weights.per_row, a, b, c, E_UV1)
-    if segment.attributes & HAS_TANGENTS:
-        _store3(spans.tangent, 0, at, transform_directions(matrix, _weighted_sum3(weights.first, a, b, c, E_TANGENT)))
-        vec.store(spans.tangent, 3 * SPAN_STRIDE + at, _weighted_sum(weights.first, a[_SIGN], b[_SIGN], c[_SIGN]))
-        _store3(
-            spans.tangent, 4, at, transform_directions(matrix, _weighted_sum3(weights.per_pixel, a, b, c, E_TANGENT))
-        )
-        vec.store(spans.tangent, 7 * SPAN_STRIDE + at, _weighted_sum(weights.per_pixel, a[_SIGN], b[_SIGN], c[_SIGN]))
-
-
-@inlined
-def _prefetch(segment, span, end_span):
-    """Prefetch vertices of the spans two batches ahead, and indices of those four batches ahead.
-
-    Meshes of a million triangles do not fit the cache: without this, frames take a fifth longer.
-
-    Args:
-        end_span: end of the segment.
-    """
-    primitive_ids, first_id = segment.ids, segment.first_id
-    indices, vertices = segment.instance.indices, segment.instance.vertices
-    for k in range(min(span + 2 * vec.LANES, end_span), min(span + 3 * vec.LANES, end_span)):
-        first_index = 3 * (np.int64(primitive_ids[k]) - first_id)
-        for corner in range(3):
-            vec.prefetch(vertices, np.int64(indices[first_index + corner]) * V_COLUMNS)
-    for k in range(min(span + 4 * vec.LANES, end_span), min(span + 5 * vec.LANES, end_span)):
-        vec.prefetch(indices, 3 * (np.int64(primitive_ids[k]) - first_id))
+        _store3(advance(spans.normal, at), normal)
+        no_change = vec.f32(0.0), vec.f32(0.0), vec.f32(0.0)
+        _store3(advance(spans.normal, 3 * SPAN_STRIDE + at), no_change)
+    _store3(advance(spans.flat_normal, at), normal)
 
 
 @device_function
-def set_up_spans(segment, span, part_end_span, end_span):
-    """Fill SPANS with the spans ``span .. part_end_span``, at most PART.
-
-    Args:
-        end_span: end of the segment.
-
-    Returns:
-        True if the normal is constant along each span.
-    """
-    call_kernel(segment.job.span_setup_kernel, (address(segment), span, part_end_span, end_span))
-    return segment.has_constant_normals != 0
+def _store_gradients(segment: Segment, at: I64, weights: Weights, corners: Corners[F32x8x8]) -> None:
+    """Store how the sum of the weights and the weighted sum of uv0 change per column and per row of the image."""
+    in_image = Halves(first=weights.per_column, second=weights.per_row)
+    _store_weight_sums(advance(segment.spans.weight_sum_gradient, at), in_image)
+    if segment.attributes & HAS_UV0:
+        _store_attributes(advance(segment.spans.uv_gradient, at), 2, in_image, corners, V_UV0)
 
 
-@kernel("void(int64, int64, int64, int64)")
-def set_up_part(segment_address, span, part_end_span, end_span):
-    """``set_up_spans``, compiled once for all looks. Its result is in SEGMENT's ``has_constant_normals``.
+@inlined
+def _store_extras(segment: Segment, at: I64, weights: Weights, extras: Corners[F32x8x8]) -> None:
+    """Store weighted sums of uv1 and of tangents."""
+    spans, uv1 = segment.spans, UV_SET_ROWS * SPAN_STRIDE + at
+    if segment.attributes & HAS_UV1:
+        along_span = Halves(first=weights.first, second=weights.per_pixel)
+        _store_attributes(advance(spans.uv, uv1), 2, along_span, extras, E_UV1)
+        if segment.material.has_gradients != 0:
+            in_image = Halves(first=weights.per_column, second=weights.per_row)
+            _store_attributes(advance(spans.uv_gradient, uv1), 2, in_image, extras, E_UV1)
+    if segment.attributes & HAS_TANGENTS:
+        tangents = advance(spans.tangent, at)
+        _store_tangents(segment, tangents, weights.first, extras)
+        _store_tangents(segment, advance(tangents, 4 * SPAN_STRIDE), weights.per_pixel, extras)
 
-    Args:
-        segment_address: address of a SEGMENT.
-    """
-    segment, is_constant = _segment_at(segment_address), True
-    prefetches = segment.instance.topology == TRIANGLES and end_span - span > 4 * vec.LANES
-    for batch in range(span, part_end_span, vec.LANES):
-        if prefetches:
-            _prefetch(segment, batch, end_span)
-        count = min(part_end_span - batch, vec.LANES)
-        is_constant = _set_up_eight(segment, batch, count, batch - span) and is_constant
-    segment.has_constant_normals = is_constant
+
+@inlined
+def _store_tangents(segment: Segment, rows: Pointer[F32], weights: F32x8x3, extras: Corners[F32x8x8]) -> None:
+    """Store the weighted sums of tangents, in the optical frame, and of the signs of the bitangent."""
+    _store3(rows, transform_directions(segment.matrices.tangent, _weighted_sum3(weights, extras, E_TANGENT)))
+    vec.store(rows, 3 * SPAN_STRIDE, _weighted_sum(weights, extras, _E_BITANGENT_SIGN))

@@ -12,11 +12,14 @@ it, are perspective-correct. All is computed in float64, eight spans at a time.
 from __future__ import annotations
 
 import math
-from typing import Any, Final, NamedTuple
+from typing import Final, NamedTuple
 
 from renderers.compiler import simd as vec
 from renderers.compiler.device_function import inlined
+from renderers.compiler.kernel_types import I64
+from renderers.compiler.simd import F32x8x3, F64x8, F64x8x3, I32x8
 from renderers.drawlist import Topology
+from renderers.shading.layout import ShadingInputs
 from renderers.shading.vec3 import cross, dot, minus, select3, times, to_f32x3
 
 TRIANGLES: Final = int(Topology.TRIANGLES)
@@ -25,33 +28,32 @@ TRIANGLES: Final = int(Topology.TRIANGLES)
 class Weights(NamedTuple):
     """Weights of the three vertices in eight spans, three f32x8 each."""
 
-    first: Any
+    first: F32x8x3
     """At the first pixel."""
-    per_pixel: Any
+    per_pixel: F32x8x3
     """Change from each pixel of the span to the next; 0 in spans of a single pixel."""
-    per_column: Any
+    per_column: F32x8x3
     """Change per column of the image."""
-    per_row: Any
+    per_row: F32x8x3
     """Change per row of the image."""
 
 
 class Rays(NamedTuple):
     """Rays (x, y, 1) through the pixels at both ends of eight spans, in the optical frame, f64x8 each."""
 
-    first_x: Any
-    last_x: Any
-    y: Any
+    first_x: F64x8
+    last_x: F64x8
+    y: F64x8
 
 
 @inlined
-def rays_of(job, y, first_column, step_count):
+def rays_of(job: ShadingInputs, y: I64, first_column: I32x8, step_count: F64x8) -> Rays:
     """Return the Rays of spans.
 
     Args:
-        job: a SHADING_JOB.
-        y: int64, row of the image.
-        first_column: i32x8, column of the image of the first pixel.
-        step_count: f64x8, number of pixels after the first one.
+        y: row of the image.
+        first_column: column of the image of the first pixel.
+        step_count: number of pixels after the first one.
     """
     pixel_width, pixel_height = vec.f64(1.0 / job.fx), vec.f64(1.0 / job.fy)  # in the plane z = 1
     first_x = (vec.to_f64(first_column) + vec.f64(0.5 - job.cx)) * pixel_width
@@ -59,7 +61,7 @@ def rays_of(job, y, first_column, step_count):
 
 
 @inlined
-def _line_weights(p, q):
+def _line_weights(p: F64x8x3, q: F64x8x3) -> tuple[tuple[F64x8x3, F64x8x3, F64x8x3], F64x8]:
     """Return the matrix of the weights of a line from p to q, and its determinant, as ``weight_matrix`` does.
 
     Let e = q - p. The points p + t e of the line are seen on one line of the image, of the direction of
@@ -80,7 +82,7 @@ def _line_weights(p, q):
     point's depth is s . s / denominator.
 
     Args:
-        p, q: three f64x8 each, metres, optical frame.
+        p, q: metres, optical frame.
     """
     e = minus(q, p)
     sx, sy = e[0] * p[2] - p[0] * e[2], e[1] * p[2] - p[1] * e[2]
@@ -91,26 +93,27 @@ def _line_weights(p, q):
 
 
 @inlined
-def _dot_ray(row, ray_x, ray_y):
-    """Return the product of a row of a matrix with the ray (ray_x, ray_y, 1), f64x8."""
+def _dot_ray(row: F64x8x3, ray_x: F64x8, ray_y: F64x8) -> F64x8:
+    """Return the product of a row of a matrix with the ray (ray_x, ray_y, 1)."""
     return row[0] * ray_x + row[1] * ray_y + row[2]
 
 
 @inlined
-def weight_matrix(topology, p0, p1, p2, rays):
+def weight_matrix(
+    topology: I64, p0: F64x8x3, p1: F64x8x3, p2: F64x8x3, rays: Rays
+) -> tuple[tuple[F64x8x3, F64x8x3, F64x8x3], F64x8, F64x8]:
     """Return the matrix whose product with a ray are the weights of the vertices, its determinant, and their sign.
 
     The point's depth, metres, is the determinant divided by the sum of the weights.
 
     Args:
-        topology: int64, as in INSTANCE.
-        p0, p1, p2: vertices, three f64x8 each, metres, optical frame.
+        topology: as in ShadingInstance.
+        p0, p1, p2: vertices, metres, optical frame.
         rays: the Rays of the spans.
 
     Returns:
         matrix: three rows of three f64x8, one row for each vertex.
-        determinant: f64x8.
-        sign: f64x8, 1 or -1: the factor that makes the weights positive.
+        sign: 1 or -1: the factor that makes the weights positive.
     """
     zero, one = vec.f64(0.0), vec.f64(1.0)
     if topology == TRIANGLES:
@@ -128,8 +131,8 @@ def weight_matrix(topology, p0, p1, p2, rays):
 
 
 @inlined
-def _weights_at(matrix, sign, ray_x, ray_y):
-    """Return the weights at the ray (ray_x, ray_y, 1), three f64x8; ``matrix`` and ``sign`` from ``weight_matrix``.
+def _weights_at(matrix: tuple[F64x8x3, F64x8x3, F64x8x3], sign: F64x8, ray_x: F64x8, ray_y: F64x8) -> F64x8x3:
+    """Return the weights at the ray (ray_x, ray_y, 1); ``matrix`` and ``sign`` from ``weight_matrix``.
 
     Coverage is exact to 1/256 pixel, so that pixel centres may be a little outside of the triangle. Negative weights at
     the ends of a span become 0: nothing is extrapolated.
@@ -143,8 +146,10 @@ def _weights_at(matrix, sign, ray_x, ray_y):
 
 
 @inlined
-def scaled_weights(matrix, sign, rays, step_count, job):
-    """Return the Weights, and the factor, f64x8, by which they are scaled.
+def scaled_weights(
+    matrix: tuple[F64x8x3, F64x8x3, F64x8x3], sign: F64x8, rays: Rays, step_count: F64x8, job: ShadingInputs
+) -> tuple[Weights, F64x8]:
+    """Return the Weights, and the factor by which they are scaled.
 
     Scaled to the sum 1 at the first pixel, the weights fit float32. Any positive factor is valid, since the sums of
     attributes are divided by the sum of the weights.

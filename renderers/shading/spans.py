@@ -1,15 +1,23 @@
-"""Spans: neighbouring pixels of a row that see one primitive. Segments: neighbouring spans of one instance."""
+"""Spans: neighbouring pixels of a row that see one primitive. Segments: neighbouring spans of one instance.
+
+primitive ids   7 7 7 7 3 3 9 9 9 . . 7     instance A has the ids 0 .. 8, instance B those from 9 on
+start bits      1 0 0 0 1 0 1 0 0 1 0 1     ``find_spans``, 64 pixels in a word
+spans           |7      |3  |9    |.  |7
+segments        |A          |B    |   |A    ``next_segment``, which selects an instance and its material
+parts           |. . . . . .|                ``next_part``: at most PART pixels of a segment are shaded at a time
+"""
 
 from __future__ import annotations
 
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from renderers.compiler import simd as vec
 from renderers.compiler.device_function import device_function, inlined
-from renderers.compiler.pointers import address, advance, allocate, f64_at, i32_at, i64_at, release
+from renderers.compiler.kernel_types import I32, I64, Address, Pointer, i64
+from renderers.compiler.pointers import address, advance, allocate, i32_at, i64_at, release
 from renderers.primitive_ids import instance_of
 from renderers.shading.layout import (
     HAS_COLORS,
@@ -18,17 +26,32 @@ from renderers.shading.layout import (
     HAS_UV0,
     HAS_UV1,
     PART,
-    PIXELS,
-    SEGMENT,
-    SPANS,
     UNLIT,
+    Segment,
+    ShadedPixels,
+    ShadingInputs,
+    Spans,
 )
 
 NO_PRIMITIVE: Final = -1
 """Primitive id of pixels that see the background."""
 _BEYOND_ROW: Final = -(2**31)
 """Id of pixels beyond the row; differs from every primitive id and from NO_PRIMITIVE."""
+_WORD: Final = 64
+"""Pixels whose start bits are one int64."""
+_ALL_BITS: Final = -1
 _HIGHEST_BIT: Final = -(2**63)
+
+
+class NextSegment(NamedTuple):
+    """A segment that ``next_segment`` has found."""
+
+    end_span: I64
+    """The span after it."""
+    instance: I64
+    """Index of the instance that it sees; for the background, of the one before."""
+    is_background: bool
+    """True: it sees no primitive, and no instance is selected."""
 
 
 def _span_offsets() -> NDArray[np.int32]:
@@ -37,120 +60,123 @@ def _span_offsets() -> NDArray[np.int32]:
 
 
 SPAN_OFFSETS: Final = _span_offsets()
-"""(128, 8) int32: for eight pixels, the index of each pixel's span, counted from the first pixel's span. The row of the
-table is a mask of seven bits: bit k - 1 is set if a span begins at pixel k, 1 <= k <= 7."""
-
-
-new_segment, new_spans, new_pixels = SEGMENT.local, SPANS.local, PIXELS.local
-"""Memory of a kernel's stack for ``begin_rows``, 120 kilobytes together."""
+"""(128, 8): for eight pixels, the index of each pixel's span, counted from the first pixel's span. The row of the table
+has seven start bits: bit k - 1 is set if a span begins at pixel k, 1 <= k <= 7."""
 
 
 @device_function
-def begin_rows(segment, job, width, spans, pixels):
-    """Give a SEGMENT its working memory for rows of at most ``width`` pixels; ``end_rows`` frees it.
-
-    Args:
-        job: a SHADING_JOB.
-        spans, pixels: the segment's SPANS and PIXELS.
-    """
+def begin_rows(segment: Segment, job: ShadingInputs, width: I64, spans: Spans, pixels: ShadedPixels) -> None:
+    """Give a Segment its working memory for rows of at most ``width`` pixels; ``end_rows`` frees it."""
     max_spans = width + width // PART + 4 * vec.LANES
     segment.job, segment.spans, segment.pixels = job, spans, pixels
-    segment.masks = i64_at(allocate(8 * (width // 64 + 3)))
+    segment.start_bits = i64_at(allocate(8 * (width // _WORD + 3)))
     segment.starts, segment.ids = i32_at(allocate(4 * max_spans)), i32_at(allocate(4 * max_spans))
-    segment.row_ids = i32_at(allocate(4 * (width + 64 + 2 * vec.LANES)))
+    segment.row_ids = i32_at(allocate(4 * (width + _WORD + 2 * vec.LANES)))
 
 
 @device_function
-def end_rows(segment):
+def end_rows(segment: Segment) -> None:
     """Free the memory of ``begin_rows``."""
-    release(address(segment.masks))
+    release(address(segment.start_bits))
     release(address(segment.starts))
     release(address(segment.ids))
     release(address(segment.row_ids))
 
 
 @device_function
-def find_spans(segment, y, columns, pixel_ids, width):
-    """Find the spans of a row of pixels.
+def find_spans(segment: Segment, y: I64, columns: Address, pixel_ids: Pointer[I32], width: I64) -> I64:
+    """Find the spans of a row of pixels; return their number.
 
     A span also begins at every PART-th pixel, so that the parts of a segment are whole spans, and float32 is accurate
     along a span.
 
     Args:
-        columns: as in SEGMENT. If it is not 0, each pixel is a span of its own.
-        pixel_ids: pointer to the primitive ids of ``width`` pixels, int32, NO_PRIMITIVE for none.
-
-    Returns:
-        Number of spans.
+        columns: as in Segment. If it is not 0, each pixel is a span of its own.
+        pixel_ids: primitive ids of ``width`` pixels, NO_PRIMITIVE for none.
     """
     segment.y, segment.columns = y, columns
-    masks, starts, span_ids, row_ids = segment.masks, segment.starts, segment.ids, segment.row_ids
-    vec.store(row_ids, 0, vec.i32(_BEYOND_ROW))
-    ids = advance(row_ids, vec.LANES)
-    for x in range(width):
-        ids[x] = pixel_ids[x]
-    for x in range(width, width + 64 + vec.LANES, vec.LANES):
-        vec.store(ids, x, vec.i32(_BEYOND_ROW))
-    count = np.int64(0)
-    for x in range(0, width, 64):
-        mask = np.int64(-1)
-        if columns == 0:
-            mask = np.int64(x % PART == 0)
-            for k in range(0, 64, vec.LANES):
-                mask |= vec.movemask(vec.load(ids, x + k) != vec.load(row_ids, x + k + vec.LANES - 1)) << k
-        masks[x >> 6] = mask
-        if width - x < 64:
-            mask &= (np.int64(1) << (width - x)) - 1
-        new_spans = vec.count_bits(mask)
-        # Eight at a time, since a branch per span would be unpredictable.
-        for first in range(count, count + new_spans, vec.LANES):
-            for k in range(vec.LANES):
-                starts[first + k] = x + vec.lowest_bit(mask | _HIGHEST_BIT)
-                mask &= mask - 1
-            vec.store(span_ids, first, vec.gather(ids, vec.load(starts, first)))
-        count += new_spans
-    masks[(width >> 6) + ((width & 63) != 0)] = -1
-    vec.store(starts, count, vec.i32(width))
+    _copy_ids(segment.row_ids, pixel_ids, width)
+    count = i64(0)
+    for x in range(0, width, _WORD):
+        bits = i64(_ALL_BITS) if columns != 0 else _start_bits(segment.row_ids, x)
+        segment.start_bits[x // _WORD] = bits
+        if width - x < _WORD:
+            bits &= (i64(1) << (width - x)) - 1
+        _append_spans(segment, x, bits, count)
+        count += vec.count_bits(bits)
+    # Whatever reads beyond the row finds a span there, which begins at its end.
+    segment.start_bits[(width + _WORD - 1) // _WORD] = _ALL_BITS
+    vec.store(segment.starts, count, vec.i32(width))
     return count
 
 
 @inlined
-def next_part(segment, span, begin, end):
+def _copy_ids(row_ids: Pointer[I32], pixel_ids: Pointer[I32], width: I64) -> None:
+    """Copy a row's primitive ids behind a vector of _BEYOND_ROW, and add a word of them."""
+    vec.store(row_ids, 0, vec.i32(_BEYOND_ROW))
+    ids = advance(row_ids, vec.LANES)
+    for x in range(width):
+        ids[x] = pixel_ids[x]
+    for x in range(width, width + _WORD + vec.LANES, vec.LANES):
+        vec.store(ids, x, vec.i32(_BEYOND_ROW))
+
+
+@inlined
+def _start_bits(row_ids: Pointer[I32], x: I64) -> I64:
+    """Return a bit for each of the _WORD pixels from ``x`` on, set where a span begins: the pixel before differs."""
+    ids, ids_before = advance(row_ids, vec.LANES), advance(row_ids, vec.LANES - 1)
+    bits = i64(x % PART == 0)
+    for k in range(0, _WORD, vec.LANES):
+        bits |= vec.movemask(vec.load(ids, x + k) != vec.load(ids_before, x + k)) << k
+    return bits
+
+
+@inlined
+def _append_spans(segment: Segment, x: I64, bits: I64, count: I64) -> None:
+    """Append the spans that begin where bits are set, in the _WORD pixels from ``x`` on, to the ``count`` found so far.
+
+    Eight at a time, since a branch per span would be unpredictable; those beyond the last are overwritten later.
+    """
+    ids = advance(segment.row_ids, vec.LANES)
+    for first in range(count, count + vec.count_bits(bits), vec.LANES):
+        for k in range(vec.LANES):
+            segment.starts[first + k] = x + vec.lowest_bit(bits | _HIGHEST_BIT)
+            bits &= bits - 1
+        vec.store(segment.ids, first, vec.gather(ids, vec.load(segment.starts, first)))
+
+
+@inlined
+def next_part(segment: Segment, span: I64, begin: I64, end: I64) -> tuple[I64, I64]:
     """Return the end of the next part of a segment: the pixel and the span after it.
 
     Args:
+        span: the part's first span.
         begin: index in the row of the part's first pixel.
         end: index after the segment's last pixel.
     """
     part_end = min(end, (begin & -PART) + PART)
-    masks = segment.masks
-    for x in range(begin & -64, part_end, 64):
-        mask = masks[x >> 6]
+    for x in range(begin & -_WORD, part_end, _WORD):
+        bits = segment.start_bits[x // _WORD]
         if x < begin:
-            mask &= np.int64(-1) << (begin - x)
-        if part_end - x < 64:
-            mask &= (np.int64(1) << (part_end - x)) - 1
-        span += vec.count_bits(mask)
+            bits &= i64(_ALL_BITS) << (begin - x)
+        if part_end - x < _WORD:
+            bits &= (i64(1) << (part_end - x)) - 1
+        span += vec.count_bits(bits)
     return part_end, span
 
 
 @device_function
-def next_segment(segment, span, span_count, instance):
+def next_segment(segment: Segment, span: I64, span_count: I64, instance: I64) -> NextSegment:
     """Select the instance that a span sees, and find the end of its segment.
 
     Args:
         span: index of the segment's first span in the row.
         span_count: number of spans of the row.
         instance: index of the instance that is tried first.
-
-    Returns:
-        end_span: the span after the segment.
-        instance: index of the selected instance; unchanged for the background.
-        is_background: True if the segment sees no primitive, and no instance is selected.
     """
     job, span_ids = segment.job, segment.ids
-    primitive_id = np.int64(span_ids[span])
-    first_id, end_id = np.int64(NO_PRIMITIVE), np.int64(NO_PRIMITIVE + 1)
+    primitive_id = i64(span_ids[span])
+    first_id, end_id = i64(NO_PRIMITIVE), i64(NO_PRIMITIVE + 1)
     is_background = primitive_id < 0
     if not is_background:
         instance = instance_of(job.first_ids, job.instance_count, primitive_id, instance)
@@ -160,12 +186,12 @@ def next_segment(segment, span, span_count, instance):
         ids = vec.load(span_ids, first)
         outside = vec.movemask((ids < vec.i32(first_id)) | (ids >= vec.i32(end_id)))
         if outside != 0:
-            return min(first + vec.lowest_bit(outside), span_count), instance, is_background
-    return np.int64(span_count), instance, is_background
+            return NextSegment(min(first + vec.lowest_bit(outside), span_count), instance, is_background)
+    return NextSegment(i64(span_count), instance, is_background)
 
 
 @device_function
-def _select_instance(segment, index):
+def _select_instance(segment: Segment, index: I64) -> None:
     """Set the fields of a segment that depend on the instance, given by its index in the draw list."""
     job = segment.job
     instance = job.instances[index]
@@ -173,7 +199,7 @@ def _select_instance(segment, index):
     segment.first_id = job.first_ids[index]
     segment.instance, segment.material = instance, material
     segment.matrices = job.matrices[index]
-    segment.X_camera_mesh = f64_at(address(job.X_camera_mesh) + 8 * 16 * index)
+    segment.X_camera_mesh = advance(job.X_camera_mesh, 16 * index)
     read_attributes = HAS_COLORS
     if material.lighting != UNLIT:
         read_attributes |= HAS_NORMALS

@@ -13,14 +13,16 @@ times the size of the level; texel i has its centre at i + 0.5, and is to the ri
 
 from __future__ import annotations
 
-from typing import Any, Final, NamedTuple
+from typing import Final, NamedTuple
 
 import numpy as np
 
 from renderers.compiler import simd as vec
 from renderers.compiler.device_function import inlined
+from renderers.compiler.kernel_types import F32, I32, I64, Pointer
 from renderers.compiler.pointers import advance
-from renderers.shading.layout import STRIDE
+from renderers.compiler.simd import F32x8, F32x8x4, I32x8, Mask8
+from renderers.shading.layout import STRIDE, ShadedPixels, ShadingTexture
 from renderers.shading.texture_table import WRAP_CLAMP, WRAP_MIRROR, WRAP_REPEAT
 
 _MAX_COORDINATE: Final = np.float32(1e9)
@@ -29,25 +31,27 @@ _INV_255: Final = np.float32(1.0 / 255.0)
 
 
 class TextureView(NamedTuple):
-    """Fields of a TEXTURE that sampling reads, as local variables: kernels would load a struct's fields again after
-    every store."""
+    """Fields of a texture that sampling reads, as local variables.
 
-    texels: Any
-    stride: Any
-    last_level: Any
-    width: Any
-    height: Any
-    wrap_s: Any
-    wrap_t: Any
-    srgb: Any
+    Kernels would load a struct's fields again after every store.
+    """
+
+    texels: Pointer[I32]
+    stride: I64
+    last_level: I64
+    width: I64
+    height: I64
+    wrap_s: I64
+    wrap_t: I64
+    srgb: bool
     """True: colour channels are decoded by ``linear_from_byte``."""
-    linear_from_byte: Any
+    linear_from_byte: Pointer[F32]
     """Pointer to ``color.LINEAR_FROM_BYTE``, (256,) float32."""
 
 
 @inlined
-def texture_view(texture, linear_from_byte):
-    """Return the TextureView of a TEXTURE."""
+def texture_view(texture: ShadingTexture, linear_from_byte: Pointer[F32]) -> TextureView:
+    """Return the TextureView of a ShadingTexture."""
     return TextureView(
         texels=texture.texels,
         stride=texture.stride,
@@ -62,19 +66,18 @@ def texture_view(texture, linear_from_byte):
 
 
 @inlined
-def level_size(size, level):
-    """Return width or height of mip levels in texels, i32x8.
+def level_size(size: I64, level: I32x8) -> I32x8:
+    """Return width or height of mip levels in texels.
 
     Args:
-        size: int64, that of the first level.
-        level: i32x8.
+        size: that of the first level.
     """
     return vec.maximum(vec.i32(size) >> level, vec.i32(1))
 
 
 @inlined
-def texels_of_level(pixels, k):
-    """Return the rows of PIXELS for the texels of each pixel's mip level (``k`` = 0) or of the next one (1).
+def texels_of_level(pixels: ShadedPixels, k: I64) -> tuple[Pointer[I32], Pointer[F32]]:
+    """Return the rows of ShadedPixels for the texels of each pixel's mip level (``k`` = 0) or of the next one (1).
 
     Returns:
         offsets: pointer to two rows of ``texel_offsets``. weights: pointer to two rows of ``texel_weights``.
@@ -83,20 +86,20 @@ def texels_of_level(pixels, k):
 
 
 @inlined
-def _level_row(height, level):
+def _level_row(height: I32x8, level: I32x8) -> I32x8:
     """``textures.level_row`` of i32x8."""
     return vec.maximum(height - (height + height >> level) + level, vec.i32(0))
 
 
 @inlined
-def wrapped(coordinate, wrap):
+def wrapped(coordinate: F32x8, wrap: I64) -> F32x8:
     """Return an f32x8 of texture coordinates in one period, which ``_texel_columns`` and ``_texel_rows`` fold further.
 
     With ``WRAP_REPEAT`` it is 0 .. 1, without 1, and with ``WRAP_MIRROR`` 0 .. 2. With ``WRAP_CLAMP`` it is -1 .. 2,
     since anything beyond a border reads the border.
 
     Args:
-        wrap: int64, WRAP_ constant of texture_table.
+        wrap: WRAP_ constant of texture_table.
     """
     zero, one = vec.f32(0.0), vec.f32(1.0)
     coordinate = vec.select(vec.absolute(coordinate) < vec.f32(_MAX_COORDINATE), coordinate, zero)
@@ -109,23 +112,23 @@ def wrapped(coordinate, wrap):
 
 
 @inlined
-def _clamped(index, size):
-    """Return texel indices, i32x8, clamped to 0 <= texel < size."""
+def _clamped(index: I32x8, size: I32x8) -> I32x8:
+    """Return texel indices, clamped to 0 <= texel < size."""
     return vec.minimum(vec.maximum(index, vec.i32(0)), size - vec.i32(1))
 
 
 @inlined
-def _texel_columns(s, wrap, width, is_linear):
+def _texel_columns(s: F32x8, wrap: I64, width: I32x8, is_linear: Mask8) -> tuple[I32x8, F32x8]:
     """Return which column a pixel reads, together with the column after it in memory.
 
     Args:
-        s: f32x8, position in texels from the centre of column 0 (``is_linear``), else from its left border.
-        wrap: int64, WRAP_ constant of texture_table.
-        width: i32x8, of the mip level.
+        s: position in texels from the centre of column 0 (``is_linear``), else from its left border.
+        wrap: WRAP_ constant of texture_table.
+        width: of the mip level.
 
     Returns:
-        column: i32x8, 0 <= column < width.
-        weight: f32x8, of the column after it.
+        column: 0 <= column < width.
+        weight: of the column after it.
     """
     left, zero = vec.floor(s), vec.f32(0.0)
     column, weight = vec.to_i32(left), vec.select(is_linear, s - left, zero)
@@ -144,8 +147,8 @@ def _texel_columns(s, wrap, width, is_linear):
 
 
 @inlined
-def _texel_rows(t, wrap, height, is_linear):
-    """Return which two rows a pixel reads, i32x8, 0 <= row < height, and the weight of the second, f32x8.
+def _texel_rows(t: F32x8, wrap: I64, height: I32x8, is_linear: Mask8) -> tuple[I32x8, I32x8, F32x8]:
+    """Return which two rows a pixel reads, 0 <= row < height, and the weight of the second.
 
     Args:
         t, wrap, height, is_linear: as in ``_texel_columns``.
@@ -164,15 +167,23 @@ def _texel_rows(t, wrap, height, is_linear):
 
 
 @inlined
-def locate(view, offsets, weights, x, level, is_linear, u, v):
+def locate(
+    view: TextureView,
+    offsets: Pointer[I32],
+    weights: Pointer[F32],
+    x: I64,
+    level: I32x8,
+    is_linear: Mask8,
+    u: F32x8,
+    v: F32x8,
+) -> None:
     """Store which texels the pixels x .. x + 8 of a part read, and the weights of the right and the lower ones.
 
     Args:
-        view: a TextureView.
         offsets, weights: from ``texels_of_level``.
-        level: i32x8, mip levels.
+        level: mip levels.
         is_linear: m8; set: interpolate between the four nearest texels; else read the texel that contains (u, v).
-        u, v: f32x8, texture coordinates, ``wrapped``.
+        u, v: texture coordinates, ``wrapped``.
     """
     width, height = vec.i32(view.width), vec.i32(view.height)
     first_row, first_column = vec.i32(0), vec.i32(0)
@@ -193,41 +204,44 @@ def locate(view, offsets, weights, x, level, is_linear, u, v):
 
 
 @inlined
-def _bilinear(a, b, c, d, tx, ty):
-    """Interpolate between four values, f32x8: a and b above c and d. The result is exact if all are equal.
+def _bilinear(a: F32x8, b: F32x8, c: F32x8, d: F32x8, tx: F32x8, ty: F32x8) -> F32x8:
+    """Interpolate between four values: a and b above c and d. The result is exact if all are equal.
 
     Args:
-        tx, ty: f32x8, weights of the right and of the lower values.
+        tx, ty: weights of the right and of the lower values.
     """
     upper, lower = a + tx * (b - a), c + tx * (d - c)
     return upper + ty * (lower - upper)
 
 
 @inlined
-def _bytes(texel, k):
-    """Return channel ``k`` of eight texels (i32x8), 0 .. 255, i32x8."""
+def _bytes(texel: I32x8, k: I64) -> I32x8:
+    """Return channel ``k`` of eight texels, 0 .. 255."""
     return (texel >> vec.i32(8 * k)) & vec.i32(255)
 
 
 @inlined
-def _unit_channel(a, b, c, d, tx, ty, k):
-    """Return channel ``k``, stored byte / 255, between four texels, i32x8 each."""
-    a, b, c, d = vec.to_f32(_bytes(a, k)), vec.to_f32(_bytes(b, k)), vec.to_f32(_bytes(c, k)), vec.to_f32(_bytes(d, k))
+def _unit_channel(a: I32x8, b: I32x8, c: I32x8, d: I32x8, tx: F32x8, ty: F32x8, k: I64) -> F32x8:
+    """Return channel ``k``, stored byte / 255, between four texels."""
+    upper = vec.to_f32(_bytes(a, k)), vec.to_f32(_bytes(b, k))
+    lower = vec.to_f32(_bytes(c, k)), vec.to_f32(_bytes(d, k))
     # Scaled after interpolation: one product in place of four.
-    return _bilinear(a, b, c, d, tx, ty) * vec.f32(_INV_255)
+    return _bilinear(upper[0], upper[1], lower[0], lower[1], tx, ty) * vec.f32(_INV_255)
 
 
 @inlined
-def _decoded_channel(linear_from_byte, a, b, c, d, tx, ty, k):
-    """Return channel ``k``, decoded from sRGB to linear light, between four texels, i32x8 each."""
-    a, b = vec.gather(linear_from_byte, _bytes(a, k)), vec.gather(linear_from_byte, _bytes(b, k))
-    c, d = vec.gather(linear_from_byte, _bytes(c, k)), vec.gather(linear_from_byte, _bytes(d, k))
-    return _bilinear(a, b, c, d, tx, ty)
+def _decoded_channel(
+    linear_from_byte: Pointer[F32], a: I32x8, b: I32x8, c: I32x8, d: I32x8, tx: F32x8, ty: F32x8, k: I64
+) -> F32x8:
+    """Return channel ``k``, decoded from sRGB to linear light, between four texels."""
+    upper = vec.gather(linear_from_byte, _bytes(a, k)), vec.gather(linear_from_byte, _bytes(b, k))
+    lower = vec.gather(linear_from_byte, _bytes(c, k)), vec.gather(linear_from_byte, _bytes(d, k))
+    return _bilinear(upper[0], upper[1], lower[0], lower[1], tx, ty)
 
 
 @inlined
-def read_texels(view, offsets, weights, x, alpha):
-    """Return RGBA, 0 .. 1, f32x8 each, of the pixels x .. x + 8 of a part from the texels that ``locate`` has stored.
+def read_texels(view: TextureView, offsets: Pointer[I32], weights: Pointer[F32], x: I64, alpha: bool) -> F32x8x4:
+    """Return RGBA, 0 .. 1, of the pixels x .. x + 8 of a part from the texels that ``locate`` has stored.
 
     Args:
         view, offsets, weights: as in ``locate``.

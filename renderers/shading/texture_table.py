@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from renderers.compiler.pointers import address_of
 from renderers.drawlist import Texture, Wrap, name_image_errors
-from renderers.shading.layout import TEXTURE
+from renderers.shading.layout import ShadingTexture
 from renderers.shading.mipmaps import mip_level_rows
 from renderers.shading.textures import is_decoded, texels_of
 
@@ -27,7 +27,7 @@ Parallel = Callable[[int, Callable[[int], object]], None]
 
 
 class TextureTable:
-    """Collects the textures of one draw list. Every pair of texture and colour space gets a TEXTURE."""
+    """Collects the textures of one draw list. Every pair of texture and colour space gets a ShadingTexture."""
 
     def __init__(self) -> None:
         self._indices: dict[tuple[Texture, bool], int] = {}
@@ -43,7 +43,7 @@ class TextureTable:
         return self._indices.setdefault((texture, srgb), len(self._indices))
 
     def structs(self, parallel: Parallel | None = None) -> NDArray[Any]:
-        """Return (n,) TEXTURE, at least one. Decodes the images.
+        """Return (n,) ShadingTexture, at least one. Decodes the images.
 
         Args:
             parallel: decodes several images at a time; None: one after the other.
@@ -51,7 +51,7 @@ class TextureTable:
         Raises:
             ImageError: an image cannot be decoded; the message names it.
         """
-        structs = np.zeros(max(len(self._indices), 1), TEXTURE.dtype)
+        structs = np.zeros(max(len(self._indices), 1), ShadingTexture.dtype)
         _decode({id(texture.image): texture for texture, _ in self._indices}.values(), parallel)
         for (texture, srgb), struct in zip(self._indices, structs, strict=False):
             sampler = texture.sampler

@@ -2,68 +2,74 @@
 
 from __future__ import annotations
 
+from typing import TypeVar
+
 from renderers.compiler import simd as vec
 from renderers.compiler.device_function import inlined
+from renderers.compiler.kernel_types import F32, F64, I64, Number, Pointer
+from renderers.compiler.simd import F32x8, F32x8x3, F32x8x4, F32x8x8, F64x8x3, Lanes, Mask8
+
+Rows = TypeVar("Rows", F32x8x3, F32x8x4)
 
 
 @inlined
-def saturate(c):
+def saturate(c: F32x8) -> F32x8:
     """Clamp an f32x8 to 0 .. 1. NaN becomes 0."""
     return vec.minimum(vec.maximum(c, vec.f32(0.0)), vec.f32(1.0))
 
 
 @inlined
-def cross(a, b):
+def cross(a: tuple[Lanes, Lanes, Lanes], b: tuple[Lanes, Lanes, Lanes]) -> tuple[Lanes, Lanes, Lanes]:
     """Return a x b."""
     return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
 
 
 @inlined
-def minus(a, b):
+def minus(a: tuple[Lanes, Lanes, Lanes], b: tuple[Lanes, Lanes, Lanes]) -> tuple[Lanes, Lanes, Lanes]:
     """Return a - b."""
     return a[0] - b[0], a[1] - b[1], a[2] - b[2]
 
 
 @inlined
-def times(a, scale):
+def times(a: tuple[Lanes, Lanes, Lanes], scale: Lanes) -> tuple[Lanes, Lanes, Lanes]:
     """Return a times one factor."""
     return a[0] * scale, a[1] * scale, a[2] * scale
 
 
 @inlined
-def multiply3(a, b):
+def multiply3(a: F32x8x3, b: F32x8x3) -> F32x8x3:
     """Return the products of the components."""
     return a[0] * b[0], a[1] * b[1], a[2] * b[2]
 
 
 @inlined
-def dot(a, b):
+def dot(a: tuple[Lanes, Lanes, Lanes], b: tuple[Lanes, Lanes, Lanes]) -> Lanes:
     """Return a . b."""
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 
 
 @inlined
-def scale_to(v, length):
-    """Return the factor that scales vectors (f32x8) to this length; 0 for vectors of length 0 and NaN."""
+def scale_to(v: F32x8x3, length: F32x8) -> F32x8:
+    """Return the factor that scales vectors to this length; 0 for vectors of length 0 and NaN."""
     old_length, zero = vec.sqrt(dot(v, v)), vec.f32(0.0)
     return vec.select(old_length > zero, length / old_length, zero)
 
 
 @inlined
-def select3(mask, a, b):
+def select3(mask: Mask8, a: tuple[Lanes, Lanes, Lanes], b: tuple[Lanes, Lanes, Lanes]) -> tuple[Lanes, Lanes, Lanes]:
     """Return a where the m8 is set, else b."""
     return vec.select(mask, a[0], b[0]), vec.select(mask, a[1], b[1]), vec.select(mask, a[2], b[2])
 
 
 @inlined
-def to_f32x3(values):
+def to_f32x3(values: F64x8x3) -> F32x8x3:
     """Return three f64x8 as f32x8."""
     return vec.to_f32(values[0]), vec.to_f32(values[1]), vec.to_f32(values[2])
 
 
 @inlined
-def transform_points(X, p):
-    """Return points (f32x8) transformed by a (4, 4) float64 matrix (a pointer), f64x8."""
+def transform_points(X: Pointer[F64], p: F32x8x8) -> F64x8x3:
+    """Return points transformed by a (4, 4) matrix."""
     x, y, z = vec.to_f64(p[0]), vec.to_f64(p[1]), vec.to_f64(p[2])
     return (
         vec.f64(X[0]) * x + vec.f64(X[1]) * y + vec.f64(X[2]) * z + vec.f64(X[3]),
@@ -73,8 +79,8 @@ def transform_points(X, p):
 
 
 @inlined
-def transform_directions(matrix, d):
-    """Return directions (f32x8) transformed by a (3, 3) matrix (a pointer), f32x8."""
+def transform_directions(matrix: Pointer[Number], d: F32x8x3) -> F32x8x3:
+    """Return directions transformed by a (3, 3) matrix."""
     return (
         vec.f32(matrix[0]) * d[0] + vec.f32(matrix[1]) * d[1] + vec.f32(matrix[2]) * d[2],
         vec.f32(matrix[3]) * d[0] + vec.f32(matrix[4]) * d[1] + vec.f32(matrix[5]) * d[2],
@@ -83,19 +89,19 @@ def transform_directions(matrix, d):
 
 
 @inlined
-def broadcast3(values, k):
-    """Return the values k, k + 1 and k + 2 of an array of float32 (a pointer), each in all lanes."""
+def broadcast3(values: Pointer[Number], k: I64) -> F32x8x3:
+    """Return the values k, k + 1 and k + 2 of an array of float32, each in all lanes."""
     return vec.f32(values[k]), vec.f32(values[k + 1]), vec.f32(values[k + 2])
 
 
 @inlined
-def load3(rows, k, stride):
+def load3(rows: Pointer[F32], k: I64, stride: I64) -> F32x8x3:
     """Return the values k .. k + 8 of three rows, which are ``stride`` values apart."""
     return vec.load(rows, k), vec.load(rows, k + stride), vec.load(rows, k + 2 * stride)
 
 
 @inlined
-def store3(rows, k, stride, values):
+def store3(rows: Pointer[F32], k: I64, stride: I64, values: Rows) -> None:
     """Store the values k .. k + 8 of three rows, which are ``stride`` values apart."""
     vec.store(rows, k, values[0])
     vec.store(rows, k + stride, values[1])

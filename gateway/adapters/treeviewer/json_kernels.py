@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from renderers.compiler.device_function import device_function, inlined
 from renderers.compiler.jit import kernel
+from renderers.compiler.kernel_types import F64, I64, U8, U64, Address, Pointer, ReadOnly1, f64, u64
 from renderers.compiler.pointers import address_of, f64_at, i64_at, u8_at
 
 QUOTE, BACKSLASH, OPEN_BRACKET, CLOSE_BRACKET, COMMA = ord('"'), ord("\\"), ord("["), ord("]"), ord(",")
@@ -100,7 +101,7 @@ def read_numbers(text: NDArray[np.uint8], begin: int, end: int, count: int) -> t
 
 
 @device_function
-def _scan_array(data, size, begin):
+def _scan_array(data: Pointer[U8], size: I64, begin: I64) -> tuple[I64, I64, I64, I64, I64]:
     """Return (end, count, rows, columns, dimensions) of the array whose opening bracket is at ``begin``.
 
     See ``TextArray`` for the values. ``end`` is -1 if the array contains anything but numbers and rows of numbers.
@@ -147,8 +148,8 @@ def _scan_array(data, size, begin):
     return -1, 0, 0, 0, 0
 
 
-@kernel("int64(int64, int64, int64, int64, int64)")
-def _find_arrays(text_at, size, table_at, max_arrays, min_numbers):
+@kernel
+def _find_arrays(text_at: Address, size: I64, table_at: Address, max_arrays: I64, min_numbers: I64) -> I64:
     """Write a table of arrays, and return their number.
 
     Each byte is read at most three times: ``_scan_array`` stops where brackets are nested three deep.
@@ -179,8 +180,8 @@ def _find_arrays(text_at, size, table_at, max_arrays, min_numbers):
     return found
 
 
-@kernel("int64(int64, int64, int64, int64, int64, int64)")
-def _read_numbers(text_at, begin, end, powers_at, numbers_at, count):
+@kernel
+def _read_numbers(text_at: Address, begin: I64, end: I64, powers_at: Address, numbers_at: Address, count: I64) -> I64:
     """Write the ``count`` numbers of an array; return the position of the first byte that is not valid JSON, or -1.
 
     The array ends with a bracket, so the byte after any number is inside of the text.
@@ -222,7 +223,7 @@ def _read_numbers(text_at, begin, end, powers_at, numbers_at, count):
 
 
 @inlined
-def _number_at(data, i, powers_of_ten):
+def _number_at(data: Pointer[U8], i: I64, powers_of_ten: Pointer[F64]) -> tuple[F64, I64]:
     """Return the number that starts at a position, and the position after it or NOT_HERE. ``null`` is NaN."""
     negative = data[i] == MINUS
     if negative:
@@ -241,7 +242,7 @@ def _number_at(data, i, powers_of_ten):
 
 
 @inlined
-def _end_of_word(data, i, word):
+def _end_of_word(data: Pointer[U8], i: I64, word: ReadOnly1[np.uint8]) -> I64:
     """Return the position after a word that starts at ``i``, or NOT_HERE."""
     for k in range(len(word)):
         if data[i + k] != word[k]:
@@ -250,10 +251,10 @@ def _end_of_word(data, i, word):
 
 
 @inlined
-def _decimal_at(data, i):
+def _decimal_at(data: Pointer[U8], i: I64) -> tuple[U64, I64, I64]:
     """Return mantissa, exponent and end of a number without sign, mantissa * 10^exponent; the end may be NOT_HERE."""
     integer_at = i
-    mantissa, mantissa_digits, exponent, i = _digits_at(data, integer_at, np.uint64(0), 0)
+    mantissa, mantissa_digits, exponent, i = _digits_at(data, integer_at, u64(0), 0)
     if i == integer_at or (data[integer_at] == ZERO and i - integer_at > 1):
         return mantissa, 0, NOT_HERE
     if data[i] == DOT:
@@ -280,7 +281,7 @@ def _decimal_at(data, i):
 
 
 @inlined
-def _digits_at(data, i, mantissa, mantissa_digits):
+def _digits_at(data: Pointer[U8], i: I64, mantissa: U64, mantissa_digits: I64) -> tuple[U64, I64, I64, I64]:
     """Append the digits from a position on to a mantissa, as far as it has room.
 
     Returns:
@@ -290,7 +291,7 @@ def _digits_at(data, i, mantissa, mantissa_digits):
     skipped_digits = 0
     while ZERO <= data[i] <= NINE:
         if mantissa_digits < MAX_MANTISSA_DIGITS:
-            mantissa = mantissa * np.uint64(10) + np.uint64(data[i] - ZERO)
+            mantissa = mantissa * u64(10) + u64(data[i] - ZERO)
             if mantissa:
                 mantissa_digits += 1
         else:
@@ -300,9 +301,9 @@ def _digits_at(data, i, mantissa, mantissa_digits):
 
 
 @inlined
-def _scaled(mantissa, exponent, powers_of_ten):
+def _scaled(mantissa: U64, exponent: I64, powers_of_ten: Pointer[F64]) -> F64:
     """Return mantissa * 10^exponent."""
-    value = np.float64(mantissa)
+    value = f64(mantissa)
     if not mantissa or exponent == 0:
         return value
     if exponent > 0:

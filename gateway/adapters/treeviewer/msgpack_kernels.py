@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from renderers.compiler.jit import kernel
+from renderers.compiler.kernel_types import I64, Address
 from renderers.compiler.pointers import address_of, u8_at
 
 TRUNCATED: Final = -1
@@ -66,8 +67,8 @@ def count_values(message: NDArray[np.uint8], limit: int) -> int:
     return count
 
 
-@kernel("int64(int64, int64, int64)")
-def _count_values(message_at, size, limit):
+@kernel
+def _count_values(message_at: Address, size: I64, limit: I64) -> I64:
     """Return the result of ``count_values``; ``size`` is the message's length in bytes."""
     data = u8_at(message_at)
     position = 0

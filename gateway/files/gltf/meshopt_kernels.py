@@ -10,12 +10,12 @@ from __future__ import annotations
 from typing import Any, Final, TypeVar
 
 import numpy as np
-from numba import types
 from numpy.typing import NDArray
 
 from renderers.compiler.device_function import device_function, inlined
 from renderers.compiler.jit import kernel
 from renderers.compiler.kernel_calls import is_set
+from renderers.compiler.kernel_types import I64, U8, Address, Pointer, i64
 from renderers.compiler.pointers import address_of, advance, stack_array, u8_at, u32_at
 from renderers.stop import current_stop
 
@@ -53,7 +53,7 @@ _ERRORS: Final = {
 _STEPS_PER_STOP_CHECK: Final = 1 << 16
 """Triangles or indices that a kernel decodes between two checks of the ``StopFlag``."""
 
-_fifos: Final = stack_array(types.int64, 3 * _FIFO)
+_fifos: Final = stack_array(I64, 3 * _FIFO)
 T = TypeVar("T", bound=np.generic)
 
 
@@ -105,8 +105,10 @@ def _decoded(
     return result
 
 
-@kernel("int64(int64, int64, int64, int64, int64, int64)")
-def _decode_attributes(stream_at, stream_size, elements_at, count, size, stop_at):
+@kernel
+def _decode_attributes(
+    stream_at: Address, stream_size: I64, elements_at: Address, count: I64, size: I64, stop_at: Address
+) -> I64:
     """Write the result of ``decode_attributes``; return ``_OK`` or an error.
 
     A block of elements has, for each byte of an element: 2 bits per group of 16 elements (the number of bits of each
@@ -115,7 +117,7 @@ def _decode_attributes(stream_at, stream_size, elements_at, count, size, stop_at
     the end of the stream; in version 1, a byte for each channel follows it, which says what the differences are.
     """
     stream, elements = u8_at(stream_at), u8_at(elements_at)
-    version = np.int64(stream[0]) & 1
+    version = i64(stream[0]) & 1
     channel_count = size // _CHANNEL
     modes_at = stream_size - version * channel_count
     end = min(modes_at - size, stream_size - _MIN_TAIL_BYTES[version])
@@ -132,9 +134,9 @@ def _decode_attributes(stream_at, stream_size, elements_at, count, size, stop_at
         if position > end:
             return _TRUNCATED
         for byte_index in range(size):
-            control = np.int64(_VERSION_0)
+            control = i64(_VERSION_0)
             if version == 1:
-                control = (np.int64(stream[controls_at + byte_index // 4]) >> (byte_index % 4 * 2)) & 3
+                control = (i64(stream[controls_at + byte_index // 4]) >> (byte_index % 4 * 2)) & 3
             position = _decode_block_byte(stream, position, end, control, elements, begin, block_end, size, byte_index)
             if position == _NO_POSITION:
                 return _TRUNCATED
@@ -142,7 +144,7 @@ def _decode_attributes(stream_at, stream_size, elements_at, count, size, stop_at
         if begin > 0:
             previous = advance(elements, (begin - 1) * size)
         for channel in range(channel_count):
-            mode = np.int64(stream[modes_at + channel]) if version == 1 else _BYTES
+            mode = i64(stream[modes_at + channel]) if version == 1 else _BYTES
             at = channel * _CHANNEL
             if mode == _BYTES:
                 for k in range(_CHANNEL):
@@ -158,7 +160,17 @@ def _decode_attributes(stream_at, stream_size, elements_at, count, size, stop_at
 
 
 @inlined
-def _decode_block_byte(stream, position, end, control, elements, begin, block_end, size, byte_index):
+def _decode_block_byte(
+    stream: Pointer[U8],
+    position: I64,
+    end: I64,
+    control: I64,
+    elements: Pointer[U8],
+    begin: I64,
+    block_end: I64,
+    size: I64,
+    byte_index: I64,
+) -> I64:
     """Decode one byte of the difference of each element of a block; return the position after it, or _NO_POSITION.
 
     Args:
@@ -189,13 +201,13 @@ def _decode_block_byte(stream, position, end, control, elements, begin, block_en
         escape = (1 << bits) - 1
         first = begin + group * _GROUP
         for in_group in range(_GROUP):
-            value = np.int64(0)
+            value = i64(0)
             if bits > 0:
                 value = _packed_value(stream, packed, in_group, bits, escape)
                 if value == escape and bits < 8:  # the value follows the group
                     if position >= end:
                         return _NO_POSITION
-                    value = np.int64(stream[position])
+                    value = i64(stream[position])
                     position += 1
             if first + in_group < block_end:
                 elements[(first + in_group) * size + byte_index] = value
@@ -203,16 +215,25 @@ def _decode_block_byte(stream, position, end, control, elements, begin, block_en
 
 
 @inlined
-def _bits_of_group(stream, header, group, control):
+def _bits_of_group(stream: Pointer[U8], header: I64, group: I64, control: I64) -> I64:
     """Return the number of bits of each value in a group: 0, 1, 2, 4 or 8."""
-    power = 1 << ((np.int64(stream[header + group // 4]) >> (group % 4 * 2)) & 3)
+    power = 1 << ((i64(stream[header + group // 4]) >> (group % 4 * 2)) & 3)
     if control == _VERSION_0:
         return power & ~1  # 0, 2, 4 or 8
     return power >> 1 if control == _FEW_BITS else power
 
 
 @inlined
-def _add_differences(elements, previous, begin, block_end, size, at, width, rotation):
+def _add_differences(
+    elements: Pointer[U8],
+    previous: Pointer[U8],
+    begin: I64,
+    block_end: I64,
+    size: I64,
+    at: I64,
+    width: I64,
+    rotation: I64,
+) -> None:
     """Replace the differences of an integer in the elements of a block by its values.
 
     Args:
@@ -234,30 +255,30 @@ def _add_differences(elements, previous, begin, block_end, size, at, width, rota
 
 
 @inlined
-def _integer_at(elements, at, width):
+def _integer_at(elements: Pointer[U8], at: I64, width: I64) -> I64:
     """Return the little-endian integer of ``width`` bytes at an index."""
-    value = np.int64(0)
+    value = i64(0)
     for k in range(width):
-        value |= np.int64(elements[at + k]) << 8 * k
+        value |= i64(elements[at + k]) << 8 * k
     return value
 
 
 @inlined
-def _packed_value(stream, packed, in_group, bits, mask):
+def _packed_value(stream: Pointer[U8], packed: I64, in_group: I64, bits: I64, mask: I64) -> I64:
     """Return the value at an index in a group that starts at ``packed``. ``mask`` has ``bits`` ones."""
     bit = in_group * bits
     shift = bit % 8 if bits == 1 else 8 - bits - bit % 8
-    return (np.int64(stream[packed + bit // 8]) >> shift) & mask
+    return (i64(stream[packed + bit // 8]) >> shift) & mask
 
 
 @device_function
-def _read_varint(stream, position, end):
+def _read_varint(stream: Pointer[U8], position: I64, end: I64) -> tuple[I64, I64]:
     """Return an unsigned LEB128 number of at most 5 bytes and the position after it; a truncated one ends early."""
-    value = np.int64(0)
+    value = i64(0)
     for shift in range(0, 35, 7):
         if position >= end:
             break
-        byte = np.int64(stream[position])
+        byte = i64(stream[position])
         position += 1
         value |= (byte & 0x7F) << shift
         if byte < 0x80:
@@ -266,17 +287,19 @@ def _read_varint(stream, position, end):
 
 
 @inlined
-def _triangle_digits(stream, code, position, end):
+def _triangle_digits(stream: Pointer[U8], code: I64, position: I64, end: I64) -> tuple[I64, I64, I64, I64]:
     """Return the digits of the three vertices, for a code without a shared edge, and the position after them."""
     if code < 0xFE:  # one of the pairs in the table at the end
-        digits = np.int64(stream[end + (code & 15)])
+        digits = i64(stream[end + (code & 15)])
         return 0, digits >> 4, digits & 15, position
-    digits = np.int64(stream[position])
+    digits = i64(stream[position])
     return (0 if code == 0xFE else 15), digits >> 4, digits & 15, position + 1
 
 
 @inlined
-def _vertex_of(digit, stream, position, end, recent, next_vertex, last_explicit):
+def _vertex_of(
+    digit: I64, stream: Pointer[U8], position: I64, end: I64, recent: I64, next_vertex: I64, last_explicit: I64
+) -> tuple[I64, I64, I64, I64]:
     """Return the vertex of a digit, and the new values of ``position``, ``next_vertex`` and ``last_explicit``.
 
     A digit of 0 is the next vertex that was not used before. 15 is a vertex that is stored as the zigzag-coded
@@ -292,21 +315,23 @@ def _vertex_of(digit, stream, position, end, recent, next_vertex, last_explicit)
 
 
 @inlined
-def _push(fifo, end, value):
+def _push(fifo: Pointer[I64], end: I64, value: I64) -> I64:
     """Replace the oldest value of a FIFO, and return the index of the next one."""
     fifo[end] = value
     return (end + 1) & (_FIFO - 1)
 
 
 @inlined
-def _push_edge(edges_a, edges_b, end, a, b):
+def _push_edge(edges_a: Pointer[I64], edges_b: Pointer[I64], end: I64, a: I64, b: I64) -> I64:
     """Replace the oldest edge by the one from a to b, and return the index of the next one."""
     edges_a[end], edges_b[end] = a, b
     return (end + 1) & (_FIFO - 1)
 
 
-@kernel("int64(int64, int64, int64, int64, int64)")
-def _decode_triangles(stream_at, stream_size, indices_at, triangle_count, stop_at):
+@kernel
+def _decode_triangles(
+    stream_at: Address, stream_size: I64, indices_at: Address, triangle_count: I64, stop_at: Address
+) -> I64:
     """Write the result of ``decode_triangles``; return ``_OK`` or an error.
 
     Each triangle has a code byte. If its high digit is below 15, it shares one of the last 16 edges, and the low digit
@@ -321,13 +346,13 @@ def _decode_triangles(stream_at, stream_size, indices_at, triangle_count, stop_a
     end = stream_size - _CODE_TABLE_BYTES
     position = 1 + triangle_count
     edge_end = vertex_end = 0
-    next_vertex = last_explicit = np.int64(0)
+    next_vertex = last_explicit = i64(0)
     for triangle in range(triangle_count):
         if position > end:
             return _TRUNCATED
         if triangle % _STEPS_PER_STOP_CHECK == 0 and is_set(stop_at):
             return _OK
-        code = np.int64(stream[1 + triangle])
+        code = i64(stream[1 + triangle])
         shares_edge = code < 0xF0
         if shares_edge:
             edge = (edge_end - 1 - (code >> 4)) & (_FIFO - 1)
@@ -336,7 +361,7 @@ def _decode_triangles(stream_at, stream_size, indices_at, triangle_count, stop_a
         else:
             a_digit, b_digit, c_digit, position = _triangle_digits(stream, code, position, end)
             if code >= 0xFE and b_digit == 0 and c_digit == 0:
-                next_vertex = np.int64(0)
+                next_vertex = i64(0)
             recent_b = vertices[(vertex_end - b_digit) & (_FIFO - 1)]
             recent = vertices[(vertex_end - c_digit) & (_FIFO - 1)]
             # a_digit is 0 or 15.
@@ -368,8 +393,8 @@ def _decode_triangles(stream_at, stream_size, indices_at, triangle_count, stop_a
     return _OK if position == end else _TRAILING_BYTES
 
 
-@kernel("int64(int64, int64, int64, int64, int64)")
-def _decode_indices(stream_at, stream_size, indices_at, count, stop_at):
+@kernel
+def _decode_indices(stream_at: Address, stream_size: I64, indices_at: Address, count: I64, stop_at: Address) -> I64:
     """Write the result of ``decode_indices``; return ``_OK`` or an error.
 
     An index is a zigzag-coded difference from the last index of one of two sequences; the lowest bit says of which.
@@ -379,7 +404,7 @@ def _decode_indices(stream_at, stream_size, indices_at, count, stop_at):
     if end < 1:
         return _TRUNCATED
     position = 1
-    last0 = last1 = np.int64(0)
+    last0 = last1 = i64(0)
     for k in range(count):
         if k % _STEPS_PER_STOP_CHECK == 0 and is_set(stop_at):
             return _OK

@@ -56,7 +56,7 @@ class KernelPart:
 
 _STUDIO: Final = ("renderers.shading.studio",)
 _ANTIALIASING: Final = ("renderers.raster.msaa",)
-_NORMALS: Final = ("renderers.raster.resolve.resolve_normals", "renderers.shading.mikktspace")
+_NORMALS: Final = ("renderers.raster.resolve_normals", "renderers.shading.mikktspace")
 _ATTRIBUTES: Final = ("renderers.shading.span_setup", "renderers.shading.sampling")
 _HEADLIGHT: Final = ("renderers.shading.headlight",)
 _SETUP: Final = ("renderers.raster.setup",)

@@ -11,7 +11,7 @@ Which edges are creases depends on the format:
 from __future__ import annotations
 
 import math
-from typing import Final
+from typing import Final, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from renderers.compiler.device_function import inlined
 from renderers.compiler.jit import kernel, read_only
 from renderers.compiler.kernel_calls import is_set
+from renderers.compiler.kernel_types import F64, I64, Address, Array1, Array2, ReadOnly2, f64, u64
 from renderers.drawlist import Mesh
 from renderers.stop import current_stop
 
@@ -39,13 +40,13 @@ _SAME_NORMAL_COSINE: Final = 0.99999
 
 
 @inlined
-def _face_normals(positions, faces):
+def _face_normals(positions: ReadOnly2[np.float32], faces: ReadOnly2[np.uint32]) -> Array2[np.float64]:
     """Return each face's cross product of two edges, twice as long as its area, and its length, (M, 4)."""
     face_normals = np.empty((len(faces), 4))
     for face in range(len(faces)):
         a, b, c = positions[faces[face, 0]], positions[faces[face, 1]], positions[faces[face, 2]]
-        ux, uy, uz = np.float64(b[0]) - a[0], np.float64(b[1]) - a[1], np.float64(b[2]) - a[2]
-        vx, vy, vz = np.float64(c[0]) - a[0], np.float64(c[1]) - a[1], np.float64(c[2]) - a[2]
+        ux, uy, uz = f64(b[0]) - a[0], f64(b[1]) - a[1], f64(b[2]) - a[2]
+        vx, vy, vz = f64(c[0]) - a[0], f64(c[1]) - a[1], f64(c[2]) - a[2]
         normal = uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx
         _write(face_normals, face, normal)
         face_normals[face, 3] = _length(normal)
@@ -53,7 +54,9 @@ def _face_normals(positions, faces):
 
 
 @inlined
-def _vertex_normals(face_normals, faces, vertex_count, half_angle_cosine):
+def _vertex_normals(
+    face_normals: Array2[np.float64], faces: ReadOnly2[np.uint32], vertex_count: I64, half_angle_cosine: F64
+) -> tuple[Array2[np.float64], Array1[np.uint8]]:
     """Return the mean normal of the faces around each vertex, (N, 3), and the vertices' kinds, (N,).
 
     Two faces within half the crease angle of their mean normal are within the crease angle of each other, so that a
@@ -79,7 +82,7 @@ def _vertex_normals(face_normals, faces, vertex_count, half_angle_cosine):
 
 
 @inlined
-def _corners_by_vertex(faces, vertex_count):
+def _corners_by_vertex(faces: ReadOnly2[np.uint32], vertex_count: I64) -> tuple[Array1[np.uint32], Array1[np.uint32]]:
     """Return the corners of the faces, 3 * face + 0, 1 or 2, sorted by their vertex, and where each vertex's start.
 
     A counting sort: ``corners[starts[v] : starts[v + 1]]`` are the corners of vertex v.
@@ -99,71 +102,75 @@ def _corners_by_vertex(faces, vertex_count):
     return corners, starts
 
 
+Vectors = TypeVar("Vectors", Array2[np.float64], Array2[np.float32])
+
+
 @inlined
-def _row(vectors, row):
+def _row(vectors: Array2[np.float64], row: I64) -> tuple[F64, F64, F64]:
     return vectors[row, 0], vectors[row, 1], vectors[row, 2]
 
 
 @inlined
-def _write(vectors, row, vector):
+def _write(vectors: Vectors, row: I64, vector: tuple[F64, F64, F64]) -> None:
     vectors[row, 0], vectors[row, 1], vectors[row, 2] = vector
 
 
 @inlined
-def _dot(vectors, row, vector):
-    row = np.uint64(row)  # saves the check for a negative index: a quarter of the time at creases
+def _dot(vectors: Vectors, row: I64, vector: tuple[F64, F64, F64]) -> F64:
+    row = u64(row)  # saves the check for a negative index: a quarter of the time at creases
     return vectors[row, 0] * vector[0] + vectors[row, 1] * vector[1] + vectors[row, 2] * vector[2]
 
 
 @inlined
-def _plus(total, vectors, row):
-    row = np.uint64(row)
+def _plus(total: tuple[F64, F64, F64], vectors: Array2[np.float64], row: I64) -> tuple[F64, F64, F64]:
+    row = u64(row)
     return total[0] + vectors[row, 0], total[1] + vectors[row, 1], total[2] + vectors[row, 2]
 
 
 @inlined
-def _length(vector):
+def _length(vector: tuple[F64, F64, F64]) -> F64:
     return math.sqrt(vector[0] * vector[0] + vector[1] * vector[1] + vector[2] * vector[2])
 
 
 @inlined
-def _unit(vector, fallback):
+def _unit(vector: tuple[F64, F64, F64], fallback: tuple[F64, F64, F64]) -> tuple[F64, F64, F64]:
     """Return a vector at length 1, or ``fallback`` if it has no length."""
     length = _length(vector)
     return (vector[0] / length, vector[1] / length, vector[2] / length) if length > 0.0 else fallback
 
 
 @inlined
-def _is_within(face_normals, face, normal, cosine):
+def _is_within(face_normals: Array2[np.float64], face: I64, normal: tuple[F64, F64, F64], cosine: F64) -> bool:
     """Return True if the angle between a face's normal and a unit vector has a cosine above ``cosine``.
 
     A face without area has the normal +z.
     """
-    length = face_normals[np.uint64(face), 3]
+    length = face_normals[u64(face), 3]
     return _dot(face_normals, face, normal) > cosine * length if length > 0.0 else normal[2] > cosine
 
 
 @inlined
-def _corner_normal(face, corners, face_normals, crease_cosine):
+def _corner_normal(
+    face: I64, corners: Array1[np.uint32], face_normals: Array2[np.float64], crease_cosine: F64
+) -> tuple[F64, F64, F64]:
     """Return the mean normal, weighted by area, of the faces around a vertex within the crease angle of one of them."""
-    face = np.uint64(face)
+    face = u64(face)
     length = face_normals[face, 3]
     own, total = (0.0, 0.0, 1.0), (0.0, 0.0, 0.0)
     if length > 0.0:
         own = face_normals[face, 0] / length, face_normals[face, 1] / length, face_normals[face, 2] / length
     if len(corners) <= MAX_FACES_PER_VERTEX:
         for corner in corners:
-            face = np.uint64(corner // 3)
+            face = u64(corner // 3)
             if _dot(face_normals, face, own) > crease_cosine * face_normals[face, 3]:
                 total = _plus(total, face_normals, face)
     return _unit(total, own)
 
 
-@kernel(
-    "Tuple((int64[::1], uint32[:, ::1], float32[:, ::1]))("
-    "Array(float32, 2, 'C', readonly=True), Array(uint32, 2, 'C', readonly=True), float64, int64)"
-)
-def _split_at_creases(positions, faces, crease_cosine, stop_at):
+@kernel
+def _split_at_creases(
+    positions: ReadOnly2[np.float32], faces: ReadOnly2[np.uint32], crease_cosine: F64, stop_at: Address
+) -> tuple[Array1[np.int64], Array2[np.uint32], Array2[np.float32]]:
     """Return what ``smooth_vertices`` does; the result is incomplete if the StopFlag at ``stop_at`` is set.
 
     The normal at a face's corner is the mean normal of some faces around the corner's vertex: those whose normals are
@@ -185,7 +192,7 @@ def _split_at_creases(positions, faces, crease_cosine, stop_at):
             break
         first_out_vertex = first_out_vertices[vertex] = out_count
         if kinds[vertex] == SMOOTH:
-            _write(out_normals, out_count, normals[vertex])
+            _write(out_normals, out_count, _row(normals, vertex))
             source_vertex[out_count] = vertex
             out_count += 1
         elif kinds[vertex] == CREASED:

@@ -9,23 +9,9 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any, Final
 
-from llvmlite import ir
-from numba import types
-
-from renderers.compiler.numba_typing import intrinsic
+from renderers.compiler.numba_typing import intrinsic, ir, types
 from renderers.compiler.simd.load_store import vector_address, vector_behind
-from renderers.compiler.simd.vectors import (
-    F32,
-    I8,
-    I32,
-    I64,
-    LANES,
-    define,
-    f32x8,
-    i32x8,
-    offset_of,
-    shuffle,
-)
+from renderers.compiler.simd.vectors import F32, I8, I32, I64, LANES, define, f32x8, i32x8, offset_of, shuffle
 
 _LOW_VALUES: Final = [0, 8, 1, 9, 4, 12, 5, 13]
 """Interleaves the first two values of the halves of two vectors."""

@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
-from llvmlite import ir
-from numba import types
-
-from renderers.compiler.numba_typing import intrinsic
+from renderers.compiler.numba_typing import intrinsic, ir, types
 from renderers.compiler.simd.vectors import (
     I32,
     LANES,
+    Lanes,
+    Mask8,
     call_llvm,
     define,
     f32x8,
@@ -58,6 +58,8 @@ def _emit_compress(builder: Any, sig: Any, mask: Any, value: Any) -> Any:
     return call_llvm(builder, name, value.type, [value, mask, ir.Constant(value.type, ir.Undefined)])
 
 
-compress = define(lambda mask, value: value if mask is m8 and value in (f32x8, i32x8) else None, _emit_compress)
+compress: Callable[[Mask8, Lanes], Lanes] = define(
+    lambda mask, value: value if mask is m8 and value in (f32x8, i32x8) else None, _emit_compress
+)
 """``compress(mask, v)``: the lanes in the mask, moved together to the first lanes; the others are undefined. One
 instruction with AVX-512."""

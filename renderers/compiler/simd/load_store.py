@@ -5,17 +5,17 @@ Stores and prefetches return 0, since intrinsic functions need a result.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any, Final
 
-from llvmlite import ir
-from numba import types
-
-from renderers.compiler.numba_typing import intrinsic
+from renderers.compiler.kernel_types import Pointer
+from renderers.compiler.numba_typing import intrinsic, ir, types
 from renderers.compiler.simd.vectors import (
     I1,
     I8,
     I32,
     LANES,
+    I32x8,
     Vector,
     call_llvm,
     define,
@@ -70,9 +70,11 @@ def _emit_volatile_load(builder: Any, sig: Any, pointer: Any, index: Any) -> Any
     return _volatile_load(builder, vector_address(builder, vector, pointer, index), _alignment(vector))
 
 
-load = define(lambda pointer, index: vector_behind(pointer), _emit_load)
+load: Callable[[Pointer[Any], int], Any] = define(lambda pointer, index: vector_behind(pointer), _emit_load)
 """``load(pointer, i)``: the values i .. i + 8, unaligned."""
-load_volatile = define(lambda pointer, index: vector_behind(pointer), _emit_volatile_load)
+load_volatile: Callable[[Pointer[Any], int], Any] = define(
+    lambda pointer, index: vector_behind(pointer), _emit_volatile_load
+)
 """``load`` for values that are blended and stored back; the package's notes say why."""
 
 
@@ -82,9 +84,8 @@ def _emit_store(builder: Any, sig: Any, pointer: Any, index: Any, value: Any) ->
     return ir.Constant(I32, 0)
 
 
-store = define(
-    lambda pointer, index, value: types.int32 if vector_behind(pointer) is value else None,
-    _emit_store,
+store: Callable[[Pointer[Any], int, Any], int] = define(
+    lambda pointer, index, value: types.int32 if vector_behind(pointer) is value else None, _emit_store
 )
 """``store(pointer, i, v)``: write the values i .. i + 8, unaligned."""
 
@@ -133,7 +134,9 @@ def _emit_gather(builder: Any, sig: Any, pointer: Any, indices: Any) -> Any:
     return call_llvm(builder, name, vector.llvm, [addresses, alignment, all_lanes, undefined])
 
 
-gather = define(lambda pointer, indices: vector_behind(pointer) if indices is i32x8 else None, _emit_gather)
+gather: Callable[[Pointer[Any], I32x8], Any] = define(
+    lambda pointer, indices: vector_behind(pointer) if indices is i32x8 else None, _emit_gather
+)
 """``gather(pointer, indices)``: the value at each lane of an i32x8. LLVM chooses one instruction where it is faster
 than eight loads: on Intel since Skylake (half the time), not on Zen."""
 
@@ -145,8 +148,5 @@ def _emit_prefetch(builder: Any, sig: Any, pointer: Any, index: Any) -> Any:
     return ir.Constant(I32, 0)
 
 
-prefetch = define(
-    lambda pointer, index: types.int32 if isinstance(pointer, types.CPointer) else None,
-    _emit_prefetch,
-)
+prefetch = define(lambda pointer, index: types.int32 if isinstance(pointer, types.CPointer) else None, _emit_prefetch)
 """``prefetch(pointer, i)``: fetch the cache line of value i; the address need not be valid."""

@@ -4,13 +4,11 @@ from __future__ import annotations
 
 import operator
 from collections.abc import Callable
-from typing import Any, Final
+from typing import TYPE_CHECKING, Any, ClassVar, Final, Self, TypeVar
 
-from llvmlite import ir
-from numba import types
-from numba.extending import models, register_model
+import numpy as np
 
-from renderers.compiler.numba_typing import define_operator, intrinsic
+from renderers.compiler.numba_typing import define_operator, extending, intrinsic, ir, types
 
 LANES: Final = 8
 
@@ -34,10 +32,87 @@ i32x8: Final = Vector("i32x8", types.int32, I32)
 m8: Final = Vector("m8", types.boolean, I1)
 
 
-@register_model(Vector)
-class _VectorModel(models.PrimitiveModel):
+class _Lanes:
+    """Operators of vectors, lane by lane."""
+
+    if TYPE_CHECKING:
+
+        def __lt__(self, other: Self) -> Mask8: ...
+        def __le__(self, other: Self) -> Mask8: ...
+        def __gt__(self, other: Self) -> Mask8: ...
+        def __ge__(self, other: Self) -> Mask8: ...
+        def __eq__(self, other: Self) -> Mask8: ...  # type: ignore[override]
+        def __ne__(self, other: Self) -> Mask8: ...  # type: ignore[override]
+        def __add__(self, other: Self) -> Self: ...
+        def __sub__(self, other: Self) -> Self: ...
+        def __mul__(self, other: Self) -> Self: ...
+        def __neg__(self) -> Self: ...
+
+
+class _Bits(_Lanes):
+    """Operators of vectors of integers."""
+
+    if TYPE_CHECKING:
+
+        def __and__(self, other: Self) -> Self: ...
+        def __or__(self, other: Self) -> Self: ...
+        def __xor__(self, other: Self) -> Self: ...
+        def __lshift__(self, other: Self) -> Self: ...
+        def __rshift__(self, other: Self) -> Self: ...
+        def __invert__(self) -> Self: ...
+
+
+class F32x8(_Lanes):
+    """Eight float32."""
+
+    numba_type: ClassVar[Any] = f32x8
+
+    if TYPE_CHECKING:
+
+        def __truediv__(self, other: Self) -> Self: ...
+
+
+class F64x8(_Lanes):
+    """Eight float64."""
+
+    numba_type: ClassVar[Any] = f64x8
+
+    if TYPE_CHECKING:
+
+        def __truediv__(self, other: Self) -> Self: ...
+
+
+class I32x8(_Bits):
+    """Eight int32."""
+
+    numba_type: ClassVar[Any] = i32x8
+
+
+class Mask8(_Bits):
+    """Eight booleans: the result of a comparison."""
+
+    numba_type: ClassVar[Any] = m8
+
+
+F32x8x2 = tuple[F32x8, F32x8]
+F32x8x3 = tuple[F32x8, F32x8, F32x8]
+F32x8x4 = tuple[F32x8, F32x8, F32x8, F32x8]
+F32x8x6 = tuple[F32x8, F32x8, F32x8, F32x8, F32x8, F32x8]
+F32x8x8 = tuple[F32x8, F32x8, F32x8, F32x8, F32x8, F32x8, F32x8, F32x8]
+F64x8x2 = tuple[F64x8, F64x8]
+F64x8x3 = tuple[F64x8, F64x8, F64x8]
+I32x8x2 = tuple[I32x8, I32x8]
+I32x8x3 = tuple[I32x8, I32x8, I32x8]
+Lanes = TypeVar("Lanes", F32x8, F64x8, I32x8)
+"""Type variable of functions for several types of vectors."""
+
+_Float = float | np.floating[Any]
+
+
+@extending.register_model(Vector)
+class _VectorModel(extending.models.PrimitiveModel):  # type: ignore[misc]  # without stubs
     def __init__(self, manager: Any, numba_type: Vector) -> None:
-        super().__init__(manager, numba_type, numba_type.llvm)  # type: ignore[no-untyped-call]  # llvmlite's
+        super().__init__(manager, numba_type, numba_type.llvm)
 
 
 _FLOAT_INSTRUCTIONS: Final[dict[Any, str]] = {
@@ -170,11 +245,11 @@ def _broadcast(vector: Vector) -> Any:
     return define(result_type, emit)
 
 
-f32 = _broadcast(f32x8)
+f32: Callable[[_Float], F32x8] = _broadcast(f32x8)
 """``f32(scalar)``: f32x8, the value, rounded to float32, in all lanes."""
-f64 = _broadcast(f64x8)
+f64: Callable[[_Float], F64x8] = _broadcast(f64x8)
 """``f64(scalar)``: f64x8, the value in all lanes."""
-i32 = _broadcast(i32x8)
+i32: Callable[[int], I32x8] = _broadcast(i32x8)
 """``i32(integer)``: i32x8, the value's low 32 bits in all lanes."""
 
 

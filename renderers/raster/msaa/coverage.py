@@ -11,16 +11,16 @@ from __future__ import annotations
 
 from typing import Final
 
-import numpy as np
-
 from renderers.compiler import simd as vec
 from renderers.compiler.device_function import device_function, inlined
 from renderers.compiler.kernel_calls import is_set
+from renderers.compiler.kernel_types import I64, f64, i64
 from renderers.compiler.pointers import address
-from renderers.compiler.structs import I64, Struct
-from renderers.msaa import SAMPLE_BAND
+from renderers.compiler.simd import F64x8x2, I32x8
+from renderers.compiler.structs import Struct
+from renderers.msaa import SampleBand
 from renderers.raster.chunks import primitives_in_bin
-from renderers.raster.fill import make_fill
+from renderers.raster.fill import Pixel, make_fill
 from renderers.raster.grid import first_center
 from renderers.raster.layout import (
     CHUNK_SIZE,
@@ -28,22 +28,28 @@ from renderers.raster.layout import (
     KIND_SMALL,
     SUBPIXEL,
     SUBPIXEL_BITS,
-    small_triangle_at,
+    Primitive,
+    RasterFrame,
+    SmallTriangle,
 )
-from renderers.raster.msaa.small_triangles import SCRATCH, draw_small_samples
+from renderers.raster.msaa.small_triangles import SampleScratch, draw_small_samples
 from renderers.raster.msaa.storage import max_inv_z_offset, merge_samples, merge_whole_pixels, sample_inv_z_offsets
 from renderers.visibility_buffer import BAND_ROWS
 
 _NO_COLUMN: Final = 1 << 30
 """Start of the empty span of a sample that is not covered, and with the other sign its stop: right of all columns."""
-_TARGET: Final = Struct("SampleTarget", {"band": SAMPLE_BAND, "owner": I64, "scratch": SCRATCH})
-"""The band that a primitive is drawn into, and the index of the primitive in FRAME.primitives."""
-_new_target = _TARGET.local
-_new_scratch = SCRATCH.local
+
+
+class _SampleTarget(Struct):
+    """The band that a primitive is drawn into, and the index of the primitive in RasterFrame.primitives."""
+
+    band: SampleBand
+    owner: I64
+    scratch: SampleScratch
 
 
 @inlined
-def _sample_points(frame, row):
+def _sample_points(frame: RasterFrame, row: I64) -> F64x8x2:
     """Return the samples of a row, for ``make_fill``: offsets across and positions down; f64x8, grid units."""
     offsets = frame.sample_offsets
     x, y = vec.to_f64(vec.load(offsets, 0)), vec.to_f64(vec.load(offsets, vec.LANES))
@@ -51,8 +57,17 @@ def _sample_points(frame, row):
 
 
 @device_function
-def _draw_span(frame, target, primitive, row, count, start, stop, base_x, base_y):
-    """Draw a row in which every sample has its own columns, ``start .. stop`` (i32x8); ``count`` is 1."""
+def _draw_span(
+    frame: RasterFrame,
+    target: _SampleTarget,
+    primitive: Primitive,
+    row: I64,
+    count: I64,
+    start: I32x8,
+    stop: I32x8,
+    base: Pixel,
+) -> None:
+    """Draw a row in which every sample has its own columns, ``start .. stop``; ``count`` is 1."""
     is_covered = start < stop
     start = vec.select(is_covered, start, vec.i32(_NO_COLUMN))
     stop = vec.select(is_covered, stop, vec.i32(-_NO_COLUMN))
@@ -62,7 +77,7 @@ def _draw_span(frame, target, primitive, row, count, start, stop, base_x, base_y
     # Between these columns all samples are covered.
     full_begin, full_end = vec.i32(vec.maximum_of(start)), vec.i32(vec.minimum_of(stop))
     inv_z_dx, inv_z_dy = primitive.inv_z_dx, primitive.inv_z_dy
-    row_inv_z = primitive.inv_z_base + inv_z_dy * np.float64(row - base_y)
+    row_inv_z = primitive.inv_z_base + inv_z_dy * f64(row - base.y)
     inv_z_offsets = sample_inv_z_offsets(frame, inv_z_dx, inv_z_dy)
     max_offset = vec.f32(max_inv_z_offset(frame, inv_z_dx, inv_z_dy))
     inv_z_min, inv_z_max = vec.f32(primitive.inv_z_min), vec.f32(primitive.inv_z_max)
@@ -70,27 +85,27 @@ def _draw_span(frame, target, primitive, row, count, start, stop, base_x, base_y
     band, slot_count = target.band, target.scratch.slot_count
     row_pixel = (row - band.first_row) * frame.stride
     lane = vec.iota()
-    for column in range(begin & ~np.int64(vec.LANES - 1), end, vec.LANES):
+    for column in range(begin & ~i64(vec.LANES - 1), end, vec.LANES):
         columns = vec.i32(column) + lane
         full = (columns >= full_begin) & (columns < full_end)
         touched = (columns >= vec.i32(begin)) & (columns < vec.i32(end))
-        inv_z = vec.to_f32(vec.f64(row_inv_z) + vec.f64(inv_z_dx) * vec.to_f64(columns - vec.i32(base_x)))
+        inv_z = vec.to_f32(vec.f64(row_inv_z) + vec.f64(inv_z_dx) * vec.to_f64(columns - vec.i32(base.x)))
         edge_pixels = merge_whole_pixels(band, row_pixel + column, inv_z, max_offset, primitive, owner, full, touched)
         while edge_pixels != 0:  # from here on the lanes are the eight samples of one pixel
             x = column + vec.lowest_bit(edge_pixels)
             edge_pixels &= edge_pixels - 1
             covered = (vec.i32(x) >= start) & (vec.i32(x) < stop)
-            inv_z = vec.f32(row_inv_z + inv_z_dx * np.float64(x - base_x)) + inv_z_offsets
+            inv_z = vec.f32(row_inv_z + inv_z_dx * f64(x - base.x)) + inv_z_offsets
             inv_z = vec.minimum(vec.maximum(inv_z, inv_z_min), inv_z_max)
             slot_count = merge_samples(frame, band, slot_count, row_pixel + x, inv_z, covered, ids)
     target.scratch.slot_count = slot_count
 
 
 @inlined
-def _draw_point(frame, target, primitive, first_row, end_row):
+def _draw_point(frame: RasterFrame, target: _SampleTarget, primitive: Primitive, first_row: I64, end_row: I64) -> None:
     """Draw a KIND_POINT: the samples in a square of grid units."""
     values, reach = primitive.values, frame.sample_reach
-    x0, y0, x1, y1 = np.int64(values[0]), np.int64(values[1]), np.int64(values[2]), np.int64(values[3])
+    x0, y0, x1, y1 = i64(values[0]), i64(values[1]), i64(values[2]), i64(values[3])
     top = max(first_center(y0 - reach), first_row)
     bottom = min(first_center(y1 + reach), end_row)
     offsets = frame.sample_offsets
@@ -103,7 +118,7 @@ def _draw_point(frame, target, primitive, first_row, end_row):
         y = vec.i32(row * SUBPIXEL + HALF_PIXEL) + sample_y
         inside = (y >= vec.i32(y0)) & (y < vec.i32(y1))
         row_stop = vec.select(inside, stop, vec.i32(-1))
-        _draw_span(frame, target, primitive, row, 1, start, row_stop, np.int64(0), np.int64(0))
+        _draw_span(frame, target, primitive, row, 1, start, row_stop, Pixel(i64(0), i64(0)))
 
 
 # Draws large primitives: calls _draw_span for one row at a time.
@@ -111,11 +126,11 @@ _fill = make_fill(1, _sample_points, _draw_span, _draw_point)
 
 
 @device_function
-def _draw_primitive(frame, target, index, first_row, end_row):
-    """Draw some rows of a primitive; ``index``: that in FRAME.primitives."""
+def _draw_primitive(frame: RasterFrame, target: _SampleTarget, index: I64, first_row: I64, end_row: I64) -> None:
+    """Draw some rows of a primitive; ``index``: that in RasterFrame.primitives."""
     primitive = frame.primitives[index]
     if primitive.kind == KIND_SMALL:
-        triangle = small_triangle_at(address(primitive))
+        triangle = SmallTriangle(address(primitive))
         draw_small_samples(frame, target.band, triangle, index, first_row, end_row, target.scratch)
     else:
         target.owner = index
@@ -123,14 +138,14 @@ def _draw_primitive(frame, target, index, first_row, end_row):
 
 
 @device_function
-def draw_sample_rows(frame, band, first_row, end_row):
+def draw_sample_rows(frame: RasterFrame, band: SampleBand, first_row: I64, end_row: I64) -> None:
     """Clear the rows, all of one band, and draw everything that touches them.
 
     Then ``owners`` has -1 where a pixel sees nothing, MIXED where its samples have ids of their own, in ``sample_ids``
     from eight times ``slots`` on, and otherwise ``ids`` has the pixel's primitive id.
 
     Args:
-        band: the thread's SAMPLE_BAND.
+        band: the thread's SampleBand.
     """
     band_index = first_row // BAND_ROWS
     band.first_row = first_row
@@ -142,9 +157,9 @@ def draw_sample_rows(frame, band, first_row, end_row):
         vec.store(band.slots, pixel, none)
         vec.store(band.far, pixel, empty_inv_z)
         vec.store(band.near, pixel, empty_inv_z)
-    scratch = _new_scratch()
+    scratch = SampleScratch()
     scratch.slot_count = 0
-    target = _new_target()
+    target = _SampleTarget()
     target.band, target.scratch = band, scratch
     for chunk_index in range(frame.chunk_count):
         chunk = frame.chunks[chunk_index]

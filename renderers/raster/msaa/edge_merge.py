@@ -5,29 +5,26 @@ Pixels that see two of them are shaded once, as one.
 
 from __future__ import annotations
 
-from typing import Final
-
 from renderers.compiler import simd as vec
 from renderers.compiler.device_function import device_function, inlined
+from renderers.compiler.kernel_types import I64
 from renderers.compiler.pointers import address, advance, u32_at
-from renderers.compiler.structs import I64, Struct
+from renderers.compiler.structs import Struct
 from renderers.primitive_ids import instance_of
-from renderers.raster.layout import TOPOLOGY_TRIANGLES
+from renderers.raster.layout import TOPOLOGY_TRIANGLES, RasterFrame
 
-CACHE: Final = Struct(
-    "InstanceCache",
-    {
-        "first_id": I64,  # first primitive id of the instance
-        "end_id": I64,  # the one after its last
-        "indices": I64,  # address of its indices; 0: no triangles with normals
-    },
-)
-"""The instance that was looked up last. All zero at first."""
+
+class InstanceCache(Struct):
+    """The instance that was looked up last. All zero at first."""
+
+    first_id: I64  # first primitive id of the instance
+    end_id: I64  # the one after its last
+    indices: I64  # address of its indices; 0: no triangles with normals
 
 
 @device_function
-def _load_instance(frame, primitive_id, cache):
-    """Fill ``cache``, a CACHE, with a primitive's instance."""
+def _load_instance(frame: RasterFrame, primitive_id: I64, cache: InstanceCache) -> None:
+    """Fill ``cache``, a InstanceCache, with a primitive's instance."""
     first_ids = frame.first_ids
     index = instance_of(first_ids, frame.instance_count, primitive_id, 0)
     instance = frame.instances[index]
@@ -37,12 +34,11 @@ def _load_instance(frame, primitive_id, cache):
 
 
 @inlined
-def share_smooth_edge(frame, a, b, cache):
+def share_smooth_edge(frame: RasterFrame, a: I64, b: I64, cache: InstanceCache) -> bool:
     """Return whether two primitives are triangles with normals of one instance that share an edge.
 
     Args:
         a, b: primitive ids.
-        cache: a CACHE.
     """
     if a < cache.first_id or a >= cache.end_id:
         _load_instance(frame, a, cache)

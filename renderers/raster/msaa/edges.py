@@ -7,41 +7,34 @@ at silhouettes, creases and seams.
 
 from __future__ import annotations
 
-from typing import Final
-
-import numpy as np
-
 from renderers.compiler import simd as vec
 from renderers.compiler.device_function import device_function, inlined
 from renderers.compiler.jit import kernel
 from renderers.compiler.kernel_calls import call_kernel
+from renderers.compiler.kernel_types import I32, I64, U8, Address, Pointer, i64
 from renderers.compiler.pointers import address, advance, allocate, i32_at, i64_at, release
-from renderers.compiler.structs import I32, Struct, array_of
-from renderers.msaa import sample_band_at
-from renderers.raster.layout import frame_at
+from renderers.compiler.simd import I32x8
+from renderers.compiler.structs import Struct, inline
+from renderers.msaa import SampleBand
+from renderers.raster.layout import RasterFrame
 from renderers.raster.msaa.coverage import draw_sample_rows
-from renderers.raster.msaa.edge_merge import CACHE, share_smooth_edge
+from renderers.raster.msaa.edge_merge import InstanceCache, share_smooth_edge
 from renderers.raster.msaa.storage import MIXED
-from renderers.shading.headlight.layout import HEADLIGHT_JOB, headlight_job_at
+from renderers.shading.headlight.layout import HeadlightInputs
 
-_new_job = HEADLIGHT_JOB.local
 
-_GROUPS: Final = Struct(
-    "SampleGroups",
-    {
-        "sample_ids": array_of(I32, vec.LANES),  # of the pixel's samples
-        "ids": array_of(I32, vec.LANES),  # each primitive id once
-        "counts": array_of(I32, vec.LANES),  # samples that see it
-        "groups": array_of(I32, vec.LANES),  # index of the first primitive of its group
-        "group_counts": array_of(I32, vec.LANES),  # samples of the group of which it is the first
-    },
-)
-"""The primitives that a pixel's samples see, grouped by ``share_smooth_edge``."""
-_new_groups, _new_cache = _GROUPS.local, CACHE.local
+class _SampleGroups(Struct):
+    """The primitives that a pixel's samples see, grouped by ``share_smooth_edge``."""
+
+    sample_ids: Pointer[I32] = inline(vec.LANES)  # of the pixel's samples
+    ids: Pointer[I32] = inline(vec.LANES)  # each primitive id once
+    counts: Pointer[I32] = inline(vec.LANES)  # samples that see it
+    groups: Pointer[I32] = inline(vec.LANES)  # index of the first primitive of its group
+    group_counts: Pointer[I32] = inline(vec.LANES)  # samples of the group of which it is the first
 
 
 @inlined
-def _append_entry(band, row_in_band, primitive_id, column, samples):
+def _append_entry(band: SampleBand, row_in_band: I64, primitive_id: I32, column: I64, samples: I32) -> None:
     """Append an entry to a row of the band: a primitive that ``samples`` of a pixel's samples see."""
     count = band.counts[row_in_band]
     entry = row_in_band * band.max_entries + count
@@ -50,21 +43,18 @@ def _append_entry(band, row_in_band, primitive_id, column, samples):
 
 
 @inlined
-def _group_samples(frame, sample_ids, groups, cache):
-    """Fill a _GROUPS with the primitives that a pixel's samples see, in the order of the samples.
-
-    Args:
-        sample_ids: i32x8.
-        groups: a _GROUPS.
-        cache: a CACHE.
+def _group_samples(
+    frame: RasterFrame, sample_ids: I32x8, groups: _SampleGroups, cache: InstanceCache
+) -> tuple[I64, I64]:
+    """Fill a _SampleGroups with the primitives that a pixel's samples see, in the order of the samples.
 
     Returns:
         Number of primitives, and of samples that see nothing; int64.
     """
     vec.store(groups.sample_ids, 0, sample_ids)
-    pending, count, background = np.int64(255), 0, 0
+    pending, count, background = i64(255), 0, 0
     while pending != 0:
-        primitive_id = np.int64(groups.sample_ids[vec.lowest_bit(pending)])
+        primitive_id = i64(groups.sample_ids[vec.lowest_bit(pending)])
         same = vec.movemask(sample_ids == vec.i32(primitive_id))
         pending &= ~same
         samples = vec.count_bits(same)
@@ -73,7 +63,7 @@ def _group_samples(frame, sample_ids, groups, cache):
             continue
         group = count
         for k in range(count):
-            if share_smooth_edge(frame, np.int64(groups.ids[k]), primitive_id, cache):
+            if share_smooth_edge(frame, i64(groups.ids[k]), primitive_id, cache):
                 group = groups.groups[k]
                 break
         groups.ids[count], groups.counts[count], groups.groups[count] = primitive_id, samples, group
@@ -84,11 +74,11 @@ def _group_samples(frame, sample_ids, groups, cache):
 
 
 @inlined
-def _most_seen_of(groups, group, count):
+def _most_seen_of(groups: _SampleGroups, group: I64, count: I64) -> I64:
     """Return the index of the primitive of a group that most samples see, the first of several.
 
     Args:
-        groups: a _GROUPS of ``count`` primitives.
+        groups: a _SampleGroups of ``count`` primitives.
         group: index of the group's first primitive.
     """
     most_seen = group
@@ -99,20 +89,26 @@ def _most_seen_of(groups, group, count):
 
 
 @device_function
-def _mix_pixel(frame, band, row_in_band, sample_ids, column, groups, cache):
+def _mix_pixel(
+    frame: RasterFrame,
+    band: SampleBand,
+    row_in_band: I64,
+    sample_ids: I32x8,
+    column: I64,
+    groups: _SampleGroups,
+    cache: InstanceCache,
+) -> tuple[I64, I64, I64]:
     """Append the entries of a pixel whose samples see any number of primitives.
 
     Args:
-        sample_ids: i32x8.
-        groups: a _GROUPS of scratch.
-        cache: a CACHE.
+        groups: a _SampleGroups of scratch.
 
     Returns:
         The primitive id that is shaded for the pixel, the number of samples that it has, and of those that see nothing.
     """
     count, background = _group_samples(frame, sample_ids, groups, cache)
     if count == 0:
-        return np.int64(-1), np.int64(vec.LANES), background
+        return i64(-1), i64(vec.LANES), background
     shown_group = 0
     for k in range(1, count):
         if groups.group_counts[k] > groups.group_counts[shown_group]:
@@ -121,29 +117,29 @@ def _mix_pixel(frame, band, row_in_band, sample_ids, column, groups, cache):
         if groups.groups[group] == group and group != shown_group:
             entry_id = groups.ids[_most_seen_of(groups, group, count)]
             _append_entry(band, row_in_band, entry_id, column, groups.group_counts[group])
-    shown_id = np.int64(groups.ids[_most_seen_of(groups, shown_group, count)])
-    return shown_id, np.int64(groups.group_counts[shown_group]), background
+    shown_id = i64(groups.ids[_most_seen_of(groups, shown_group, count)])
+    return shown_id, i64(groups.group_counts[shown_group]), background
 
 
 @device_function
-def _find_entries(frame, band, row_count, columns):
-    """Fill a SAMPLE_BAND's ids, entries and mixed pixels.
+def _find_entries(frame: RasterFrame, band: SampleBand, row_count: I64, columns: Pointer[I32]) -> None:
+    """Fill a SampleBand's ids, entries and mixed pixels.
 
     Args:
         row_count: number of rows.
         columns: pointer to stride + 8 int32 of scratch.
     """
     stride = frame.stride
-    groups, cache = _new_groups(), _new_cache()
+    groups, cache = _SampleGroups(), InstanceCache()
     cache.first_id = cache.end_id = cache.indices = 0
     for row_in_band in range(row_count):
         first_pixel = row_in_band * stride
         slots, ids = advance(band.slots, first_pixel), advance(band.ids, first_pixel)
-        mixed, mixed_count = advance(band.mixed, first_pixel), np.int64(0)
+        mixed, mixed_count = advance(band.mixed, first_pixel), i64(0)
         band.counts[row_in_band] = 0
         for k in range(_find_mixed(frame, advance(band.owners, first_pixel), ids, columns)):
-            x = np.int64(columns[k])
-            seen_ids = vec.load(band.sample_ids, vec.LANES * np.int64(slots[x]))
+            x = i64(columns[k])
+            seen_ids = vec.load(band.sample_ids, vec.LANES * i64(slots[x]))
             shown_id, own, background = _mix_pixel(frame, band, row_in_band, seen_ids, x, groups, cache)
             ids[x] = shown_id
             mixed[mixed_count] = (x << 8) | (own << 4) | background  # unpacked in _mix_colors
@@ -152,17 +148,17 @@ def _find_entries(frame, band, row_count, columns):
 
 
 @inlined
-def _find_mixed(frame, owners, ids, columns):
+def _find_mixed(frame: RasterFrame, owners: Pointer[I32], ids: Pointer[I32], columns: Pointer[I32]) -> I64:
     """Write the columns of a row's MIXED pixels, and -1 to the ids of its other pixels without an owner.
 
     Args:
-        owners, ids: pointers to the row's, int32.
+        owners, ids: pointers to the row's.
         columns: pointer to stride + 8 int32.
 
     Returns:
         Number of the columns.
     """
-    count = np.int64(0)
+    count = i64(0)
     for column in range(0, frame.width, vec.LANES):
         owner = vec.load(owners, column)
         mixed_bits = vec.movemask(owner == vec.i32(MIXED))
@@ -174,30 +170,39 @@ def _find_mixed(frame, owners, ids, columns):
     return count
 
 
-@kernel("void(int64, int64, int64, int64)")
-def draw_samples(frame_address, first_row, end_row, band_address):
-    """Rasterize the samples of a band of the image, or of part of one, into a SAMPLE_BAND."""
-    draw_sample_rows(frame_at(frame_address), sample_band_at(band_address), first_row, end_row)
+@kernel
+def draw_samples(frame_address: Address, first_row: I64, end_row: I64, band_address: Address) -> None:
+    """Rasterize the samples of a band of the image, or of part of one, into a SampleBand."""
+    draw_sample_rows(RasterFrame(frame_address), SampleBand(band_address), first_row, end_row)
 
 
-@kernel("void(int64, int64, int64, int64)")
-def find_edges(frame_address, first_row, end_row, band_address):
+@kernel
+def find_edges(frame_address: Address, first_row: I64, end_row: I64, band_address: Address) -> None:
     """Find the primitives to shade in rows that ``draw_samples`` has drawn."""
-    frame = frame_at(frame_address)
+    frame = RasterFrame(frame_address)
     heap = allocate(4 * (frame.stride + vec.LANES))
-    _find_entries(frame, sample_band_at(band_address), end_row - first_row, i32_at(heap))
+    _find_entries(frame, SampleBand(band_address), end_row - first_row, i32_at(heap))
     release(heap)
 
 
 @device_function
-def _mix_colors(band, stride, width, first_row, end_row, background, color, color_stride):
+def _mix_colors(
+    band: SampleBand,
+    stride: I64,
+    width: I64,
+    first_row: I64,
+    end_row: I64,
+    background: I64,
+    color: Pointer[U8],
+    color_stride: I64,
+) -> None:
     """Mix the colours of a band's pixels at edges.
 
     Args:
-        band: a SAMPLE_BAND with shaded entries, in rows of ``color_stride`` colours.
+        band: a SampleBand with shaded entries, in rows of ``color_stride`` colours.
         width: pixels of a row of the image.
         background: red, green, blue, lowest byte first.
-        color: pointer to (H, W, 3) uint8, which has the colours of the band's ids.
+        color: (H, W, 3), which has the colours of the band's ids.
     """
     room = band.max_entries
     heap = allocate(12 * width)
@@ -205,9 +210,9 @@ def _mix_colors(band, stride, width, first_row, end_row, background, color, colo
     for y in range(first_row, end_row):
         row = y - first_row
         image, mixed = advance(color, 3 * y * width), advance(band.mixed, row * stride)
-        mixed_count = np.int64(band.mixed_counts[row])
+        mixed_count = i64(band.mixed_counts[row])
         for k in range(mixed_count):
-            mark = np.int64(mixed[k])
+            mark = i64(mixed[k])
             x, own, background_samples = mark >> 8, (mark >> 4) & 15, mark & 15
             for channel in range(3):
                 background_value = (background >> (8 * channel)) & 255
@@ -215,19 +220,21 @@ def _mix_colors(band, stride, width, first_row, end_row, background, color, colo
         columns, weights = advance(band.entry_columns, row * room), advance(band.entry_weights, row * room)
         colors = advance(band.entry_colors, 3 * row * color_stride)
         for k in range(band.counts[row]):
-            x, weight = np.int64(columns[k]), np.int64(weights[k])
+            x, weight = i64(columns[k]), i64(weights[k])
             for channel in range(3):
                 sums[3 * x + channel] += weight * colors[3 * k + channel]
         for k in range(mixed_count):
-            x = np.int64(mixed[k]) >> 8
+            x = i64(mixed[k]) >> 8
             for channel in range(3):
                 image[3 * x + channel] = (sums[3 * x + channel] + vec.LANES // 2) // vec.LANES
     release(heap)
 
 
 @inlined
-def _fill_entry_job(entry_job, job, band, first_row, max_count):
-    """Fill a HEADLIGHT_JOB, ``entry_job``, that shades a band's entries into their own colours.
+def _fill_entry_job(
+    entry_job: HeadlightInputs, job: HeadlightInputs, band: SampleBand, first_row: I64, max_count: I64
+) -> None:
+    """Fill a HeadlightInputs, ``entry_job``, that shades a band's entries into their own colours.
 
     Args:
         max_count: maximum number of entries of a row.
@@ -240,22 +247,22 @@ def _fill_entry_job(entry_job, job, band, first_row, max_count):
     entry_job.counts = band.counts
 
 
-@kernel("void(int64, int64, int64, int64, int64)")
-def shade_mixed(own_address, band_address, stride, first_row, end_row):
+@kernel
+def shade_mixed(own_address: Address, band_address: Address, stride: I64, first_row: I64, end_row: I64) -> None:
     """Shade a band's pixels and its entries, and mix edge pixels as bytes, as VTK does.
 
     Args:
         own_address: address of 2 int64: the kernel ``headlight.shade_rows.shade_rows`` and the address of a
-            HEADLIGHT_JOB in the mode DIRECT.
+            HeadlightInputs in the mode DIRECT.
     """
     shade_kernel, job_address = i64_at(own_address)[0], i64_at(own_address)[1]
-    job, band = headlight_job_at(job_address), sample_band_at(band_address)
+    job, band = HeadlightInputs(job_address), SampleBand(band_address)
     call_kernel(shade_kernel, (job_address, address(band.ids), first_row, end_row))
-    max_count = np.int64(0)
+    max_count = i64(0)
     for row in range(end_row - first_row):
-        max_count = max(max_count, np.int64(band.counts[row]))
+        max_count = max(max_count, i64(band.counts[row]))
     if max_count > 0:
-        entry_job = _new_job()
+        entry_job = HeadlightInputs()
         _fill_entry_job(entry_job, job, band, first_row, max_count)
         call_kernel(shade_kernel, (address(entry_job), address(band.entry_ids), first_row, end_row))
     _mix_colors(band, stride, job.width, first_row, end_row, job.background, job.color, max_count)

@@ -14,7 +14,7 @@ from renderers.compiler.pointers import aligned, table
 from renderers.compiler.simd import LANES
 from renderers.drawlist import DrawList
 from renderers.interface import Look
-from renderers.msaa import SAMPLE_BAND, sample_cameras
+from renderers.msaa import SampleBand, sample_cameras
 from renderers.raster.msaa.edges import shade_mixed
 from renderers.shading import HeadlightJob, ShadingScene, paint
 from renderers.shading.headlight.shade_rows import shade_rows
@@ -25,7 +25,7 @@ _GAP: Final = 64
 
 
 def allocate_sample_bands(threads: int, camera: Camera, samples: int, stride: int) -> tuple[int, object]:
-    """Return the address of a SAMPLE_BAND for each thread, and their memory.
+    """Return the address of a SampleBand for each thread, and their memory.
 
     Args:
         stride: pixels from one row of ids to the next.
@@ -49,7 +49,7 @@ def allocate_sample_bands(threads: int, camera: Camera, samples: int, stride: in
     }
     nbytes = 4 * (sum(counts.values()) + _GAP * len(counts))
     memory, first = aligned((threads * nbytes,), np.uint8)
-    bands, address = aligned((threads,), SAMPLE_BAND.dtype)
+    bands, address = aligned((threads,), SampleBand.dtype)
     bands["max_entries"] = max_entries
     for field, count in counts.items():
         bands[field] = first + nbytes * np.arange(threads)
@@ -76,12 +76,7 @@ def mixed_bands(job: HeadlightJob) -> SampledShader:
 
 
 def paint_each_sample(
-    rasterizer: Rasterizer,
-    scene: DrawList,
-    shading: ShadingScene,
-    camera: Camera,
-    look: Look,
-    color: NDArray[np.uint8],
+    rasterizer: Rasterizer, scene: DrawList, shading: ShadingScene, camera: Camera, look: Look, color: NDArray[np.uint8]
 ) -> None:
     """Paint a translucent scene once per sample position and average the colours as bytes."""
     total = np.zeros(color.shape, np.uint16)

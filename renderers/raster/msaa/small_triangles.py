@@ -2,80 +2,75 @@
 
 from __future__ import annotations
 
-from typing import Any, Final, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from renderers.compiler import simd as vec
 from renderers.compiler.device_function import device_function, inlined
-from renderers.compiler.structs import F32, I32, I64, Struct, array_of
-from renderers.raster.layout import MAX_SMALL_WIDTH, SUBPIXEL_BITS, box_of
-from renderers.raster.msaa.storage import (
-    max_inv_z_offset,
-    merge_samples,
-    merge_whole_pixels,
-    sample_inv_z_offsets,
-)
+from renderers.compiler.kernel_types import F32, I32, I64, Pointer, f32, i64
+from renderers.compiler.simd import F32x8, F32x8x2, I32x8, I32x8x2, I32x8x3
+from renderers.compiler.structs import Struct, inline
+from renderers.msaa import SampleBand
+from renderers.raster.layout import MAX_SMALL_WIDTH, SUBPIXEL_BITS, RasterFrame, SmallTriangle, box_of
+from renderers.raster.msaa.storage import max_inv_z_offset, merge_samples, merge_whole_pixels, sample_inv_z_offsets
 from renderers.visibility_buffer import BAND_ROWS
 
-SCRATCH: Final = Struct(
-    "SampleScratch",
-    {
-        "slot_count": I64,  # slots of the band in use
-        "edge_pixels": array_of(I32, (MAX_SMALL_WIDTH + 3 * vec.LANES) * BAND_ROWS),  # as from _packed_in_box
-        "batch_e0": array_of(I32, vec.LANES),  # first edge function of eight of the edge pixels
-        "batch_e1": array_of(I32, vec.LANES),  # second edge function
-        "batch_pixels": array_of(I32, vec.LANES),  # index in the band
-        "batch_inv_z": array_of(F32, vec.LANES),
-        "row_inv_z": array_of(F32, BAND_ROWS + vec.LANES),  # 1/z at the box's first column
-        "first_rows": array_of(I32, vec.LANES),  # of eight block columns
-        "last_rows": array_of(I32, vec.LANES),
-    },
-)
-"""Working memory of a thread for a band."""
+
+class SampleScratch(Struct):
+    """Working memory of a thread for a band."""
+
+    slot_count: I64  # slots of the band in use
+    edge_pixels: Pointer[I32] = inline((MAX_SMALL_WIDTH + 3 * vec.LANES) * BAND_ROWS)  # as from _packed_in_box
+    batch_e0: Pointer[I32] = inline(vec.LANES)  # first edge function of eight of the edge pixels
+    batch_e1: Pointer[I32] = inline(vec.LANES)  # second edge function
+    batch_pixels: Pointer[I32] = inline(vec.LANES)  # index in the band
+    batch_inv_z: Pointer[F32] = inline(vec.LANES)
+    row_inv_z: Pointer[F32] = inline(BAND_ROWS + vec.LANES)  # 1/z at the box's first column
+    first_rows: Pointer[I32] = inline(vec.LANES)  # of eight block columns
+    last_rows: Pointer[I32] = inline(vec.LANES)
 
 
 @inlined
-def _packed_in_box(row, column):
+def _packed_in_box(row: I64, column: I64) -> I64:
     """Return a pixel in ``edge_pixels``; row and column are counted from the box's first, columns from -8 on."""
     return (row << 8) + column + vec.LANES
 
 
 @inlined
-def _rows_and_columns(edge_pixels):
+def _rows_and_columns(edge_pixels: I32x8) -> I32x8x2:
     """Return the rows and columns in the box of eight ``edge_pixels``; all i32x8."""
     return edge_pixels >> vec.i32(8), (edge_pixels & vec.i32(255)) - vec.i32(vec.LANES)
 
 
 @inlined
-def _limit_rows(edge, edge_dx, edge_dy, columns, min_row, max_row):
+def _limit_rows(edge: I64, edge_dx: I64, edge_dy: I64, columns: I32x8, min_row: F32x8, max_row: F32x8) -> F32x8x2:
     """Return the rows in which block columns, eight pixels wide, may be on the inner side of an edge: first and last.
 
     Args:
         edge, edge_dx, edge_dy: the edge function in row 0, grid units, and its changes per column and row.
-        columns: i32x8, the first column of each block column.
-        min_row, max_row: f32x8: the rows before the edge limits them.
+        columns: the first column of each block column.
+        min_row, max_row: the rows before the edge limits them.
     """
     # An edge function is greatest in a block's first or last column.
     block_max = vec.i32(edge + max(7 * edge_dx, 0)) + columns * vec.i32(edge_dx)
     # The slack is far above the rounding of crossings in the band: three times 2^-24 of at most 32 rows.
     zero, slack = vec.f32(0.0), vec.f32(0.01)
-    dy = np.float32(edge_dy)
-    scale = np.float32(1.0) / dy if edge_dy != 0 else np.float32(0.0)
+    dy = f32(edge_dy)
+    scale = f32(1.0) / dy if edge_dy != 0 else f32(0.0)
     crossing = zero - vec.to_f32(block_max) * vec.f32(scale)
     min_row = vec.select(vec.f32(dy) > zero, vec.maximum(crossing - slack, min_row), min_row)
     return min_row, vec.select(vec.f32(dy) < zero, vec.minimum(crossing + slack, max_row), max_row)
 
 
 @inlined
-def _is_hidden(far, stride, left, right, top, bottom, inv_z_max):
+def _is_hidden(far: Pointer[F32], stride: I64, left: I64, right: I64, top: I64, bottom: I64, inv_z_max: F32) -> bool:
     """Return whether all pixels of a box are nearer than a triangle with the greatest 1/z ``inv_z_max``.
 
     Args:
-        far: pointer to SAMPLE_BAND.far.
+        far: pointer to SampleBand.far.
         left, right: range of the box's columns.
         top, bottom: range of its rows, counted from the band's first.
-        inv_z_max: float32.
     """
     limit, lane = vec.f32(inv_z_max), vec.iota()
     # The middle first: most visible triangles are visible there.
@@ -105,28 +100,28 @@ def _is_hidden(far, stride, left, right, top, bottom, inv_z_max):
 
 
 class SampleEdges(NamedTuple):
-    """Edge functions of a SMALL_TRIANGLE's three edges, and how they vary among the samples of a pixel."""
+    """Edge functions of a SmallTriangle's three edges, and how they vary among the samples of a pixel."""
 
-    first: Any
+    first: tuple[I64, I64, I64]
     """At the first pixel centre of the box, three int64."""
-    dx: Any
+    dx: tuple[I64, I64, I64]
     """Change per column, three int64."""
-    dy: Any
+    dy: tuple[I64, I64, I64]
     """Change per row, three int64."""
-    offsets: Any
+    offsets: I32x8x2
     """At the samples minus at the centre, of the first two edges, i32x8 each."""
-    top: Any
+    top: tuple[I64, I64, I64]
     """Maximum over the samples of a pixel in the first row that is drawn and the box's first column, three int64."""
-    range: Any
+    range: I32x8x3
     """Greatest minus least of a pixel's samples, in all lanes; three i32x8."""
 
 
 @inlined
-def _sample_edges(frame, triangle, skipped_rows):
-    """Return the SampleEdges of a SMALL_TRIANGLE, of whose box ``skipped_rows`` rows are not drawn."""
-    first = np.int64(triangle.edges[0]), np.int64(triangle.edges[1]), np.int64(triangle.edges[2])
-    e0_dx, e1_dx = np.int64(triangle.edge_dx[0]), np.int64(triangle.edge_dx[1])
-    e0_dy, e1_dy = np.int64(triangle.edge0_dy), np.int64(triangle.edge1_dy)
+def _sample_edges(frame: RasterFrame, triangle: SmallTriangle, skipped_rows: I64) -> SampleEdges:
+    """Return the SampleEdges of a SmallTriangle, of whose box ``skipped_rows`` rows are not drawn."""
+    first = i64(triangle.edges[0]), i64(triangle.edges[1]), i64(triangle.edges[2])
+    e0_dx, e1_dx = i64(triangle.edge_dx[0]), i64(triangle.edge_dx[1])
+    e0_dy, e1_dy = i64(triangle.edge0_dy), i64(triangle.edge1_dy)
     e2_dx, e2_dy = -e0_dx - e1_dx, -e0_dy - e1_dy
     # Changes are per pixel, sample offsets are grid units.
     x, y = vec.load(frame.sample_offsets, 0), vec.load(frame.sample_offsets, vec.LANES)
@@ -153,17 +148,15 @@ def _sample_edges(frame, triangle, skipped_rows):
 
 
 @inlined
-def _limit_block_rows(edges, columns, rows, is_wide, scratch):
-    """Store the rows that each of eight block columns may cover, in ``first_rows`` and ``last_rows`` of a SCRATCH.
+def _limit_block_rows(edges: SampleEdges, columns: I32x8, rows: I64, is_wide: bool, scratch: SampleScratch) -> None:
+    """Store the rows that each of eight block columns may cover, in ``first_rows`` and ``last_rows``.
 
     Half of the box of a wide triangle lies outside it. Other triangles have all rows.
 
     Args:
-        edges: SampleEdges.
-        columns: i32x8, the first column of each block column, counted from the box's first.
+        columns: the first column of each block column, counted from the box's first.
         rows: number of rows.
         is_wide: whether the triangle is wide.
-        scratch: a SCRATCH.
     """
     min_row, max_row = vec.f32(0.0), vec.f32(rows - 1)
     if is_wide:
@@ -176,17 +169,27 @@ def _limit_block_rows(edges, columns, rows, is_wide, scratch):
 
 
 @inlined
-def _draw_block(frame, band, triangle, owner, edges, max_offset, top, start, block, scratch, count):
-    """Draw the whole pixels of a block column, and append its other pixels to ``edge_pixels`` of a SCRATCH.
+def _draw_block(
+    frame: RasterFrame,
+    band: SampleBand,
+    triangle: SmallTriangle,
+    owner: I64,
+    edges: SampleEdges,
+    max_offset: F32x8,
+    top: I64,
+    start: I64,
+    block: I64,
+    scratch: SampleScratch,
+    count: I64,
+) -> I64:
+    """Draw the whole pixels of a block column, and append its other pixels to ``edge_pixels`` of a SampleScratch.
 
     Args:
         top: first row that is drawn, to which ``edges.top`` belongs.
         start: first column of the block, which is a vector wide.
-        owner: index in FRAME.primitives.
-        edges: SampleEdges.
-        max_offset: f32x8, as from ``max_inv_z_offset``.
+        owner: index in RasterFrame.primitives.
+        max_offset: as from ``max_inv_z_offset``.
         block: index in ``first_rows`` and ``last_rows``.
-        scratch: a SCRATCH.
         count: number of edge pixels before.
 
     Returns:
@@ -196,9 +199,9 @@ def _draw_block(frame, band, triangle, owner, edges, max_offset, top, start, blo
     stride, zero = frame.stride, vec.i32(0)
     # A block at the right margin is moved left: pixels that were drawn are not drawn again.
     column = min(start, stride - vec.LANES)
-    valid = np.int64(255) << (start - column)
+    valid = i64(255) << (start - column)
     columns = vec.i32(column - box_x) + vec.iota()
-    first_row, end_row = np.int64(scratch.first_rows[block]), np.int64(scratch.last_rows[block]) + 1
+    first_row, end_row = i64(scratch.first_rows[block]), i64(scratch.last_rows[block]) + 1
     e0 = vec.i32(edges.top[0] + first_row * edges.dy[0]) + columns * vec.i32(edges.dx[0])
     e1 = vec.i32(edges.top[1] + first_row * edges.dy[1]) + columns * vec.i32(edges.dx[1])
     e2 = vec.i32(edges.top[2] + first_row * edges.dy[2]) + columns * vec.i32(edges.dx[2])
@@ -221,13 +224,18 @@ def _draw_block(frame, band, triangle, owner, edges, max_offset, top, start, blo
 
 
 @inlined
-def _load_edge_pixels(frame, band, triangle, edges, batch, scratch):
-    """Store what belongs to eight edge pixels in the ``batch_`` fields of a SCRATCH.
+def _load_edge_pixels(
+    frame: RasterFrame,
+    band: SampleBand,
+    triangle: SmallTriangle,
+    edges: SampleEdges,
+    batch: I64,
+    scratch: SampleScratch,
+) -> None:
+    """Store what belongs to eight edge pixels in the ``batch_`` fields of a SampleScratch.
 
     Args:
-        edges: SampleEdges.
         batch: index of the first edge pixel.
-        scratch: the SCRATCH.
     """
     box_x, box_y, _, _ = box_of(triangle)
     rows, columns = _rows_and_columns(vec.load(scratch.edge_pixels, batch))
@@ -242,8 +250,15 @@ def _load_edge_pixels(frame, band, triangle, edges, batch, scratch):
 
 
 @inlined
-def _draw_edge_pixels(frame, band, triangle, edges, count, scratch):
-    """Draw the samples of the first ``count`` edge pixels in ``scratch``, a SCRATCH; ``edges``: SampleEdges."""
+def _draw_edge_pixels(
+    frame: RasterFrame,
+    band: SampleBand,
+    triangle: SmallTriangle,
+    edges: SampleEdges,
+    count: I64,
+    scratch: SampleScratch,
+) -> None:
+    """Draw the samples of the first ``count`` edge pixels in ``scratch``, a SampleScratch."""
     inv_z_min, inv_z_max = vec.f32(triangle.inv_z_min), vec.f32(triangle.inv_z_max)
     inv_z_offsets = sample_inv_z_offsets(frame, triangle.inv_z_dx, triangle.inv_z_dy)
     edge_sum = vec.i32(edges.first[0] + edges.first[1] + edges.first[2])  # the same at all points
@@ -254,17 +269,24 @@ def _draw_edge_pixels(frame, band, triangle, edges, count, scratch):
             e0, e1 = vec.i32(scratch.batch_e0[k]) + edges.offsets[0], vec.i32(scratch.batch_e1[k]) + edges.offsets[1]
             covered = (e0 | e1 | (edge_sum - e0 - e1)) >= zero
             inv_z = vec.minimum(vec.maximum(vec.f32(scratch.batch_inv_z[k]) + inv_z_offsets, inv_z_min), inv_z_max)
-            slot_count = merge_samples(frame, band, slot_count, np.int64(scratch.batch_pixels[k]), inv_z, covered, ids)
+            slot_count = merge_samples(frame, band, slot_count, i64(scratch.batch_pixels[k]), inv_z, covered, ids)
     scratch.slot_count = slot_count
 
 
 @device_function
-def draw_small_samples(frame, band, triangle, owner, first_row, end_row, scratch):
-    """Draw a SMALL_TRIANGLE, eight pixels at a time.
+def draw_small_samples(
+    frame: RasterFrame,
+    band: SampleBand,
+    triangle: SmallTriangle,
+    owner: I64,
+    first_row: I64,
+    end_row: I64,
+    scratch: SampleScratch,
+) -> None:
+    """Draw a SmallTriangle, eight pixels at a time.
 
     Args:
-        owner: index in FRAME.primitives.
-        scratch: a SCRATCH.
+        owner: index in RasterFrame.primitives.
     """
     box_x, box_y, box_columns, box_rows = box_of(triangle)
     top, bottom = max(box_y, first_row), min(box_y + box_rows, end_row)

@@ -6,23 +6,27 @@ and a range of 1/z are stored. A pixel at an edge gets a slot, where each sample
 
 from __future__ import annotations
 
-from typing import Final
+from typing import Final, TypeVar
 
 import numpy as np
 
 from renderers.compiler import simd as vec
 from renderers.compiler.device_function import device_function, inlined
+from renderers.compiler.kernel_types import F32, F64, I64, f32, f64, i64
 from renderers.compiler.pointers import address, as_i32
+from renderers.compiler.simd import F32x8, I32x8, Mask8
+from renderers.msaa import SampleBand
 from renderers.raster.fill import inv_z_origin
-from renderers.raster.layout import KIND_SMALL, SUBPIXEL, box_of, small_triangle_at
+from renderers.raster.layout import KIND_SMALL, SUBPIXEL, Primitive, RasterFrame, SmallTriangle, box_of
 
 MIXED: Final = -2
 """Owner of a pixel whose samples have primitives of their own, in its slot."""
+AnyPrimitive = TypeVar("AnyPrimitive", Primitive, SmallTriangle)
 
 
 @inlined
-def sample_inv_z_offsets(frame, inv_z_dx, inv_z_dy):
-    """Return 1/z at the samples minus 1/z at the pixel's centre, f32x8.
+def sample_inv_z_offsets(frame: RasterFrame, inv_z_dx: F64, inv_z_dy: F64) -> F32x8:
+    """Return 1/z at the samples minus 1/z at the pixel's centre.
 
     Args:
         inv_z_dx, inv_z_dy: change of 1/z per column and row, 1/m; of any float type.
@@ -33,32 +37,39 @@ def sample_inv_z_offsets(frame, inv_z_dx, inv_z_dy):
 
 
 @inlined
-def max_inv_z_offset(frame, inv_z_dx, inv_z_dy):
-    """Return an upper limit of the absolute values of ``sample_inv_z_offsets``, float32; infinite if not finite.
+def max_inv_z_offset(frame: RasterFrame, inv_z_dx: F64, inv_z_dy: F64) -> F32:
+    """Return an upper limit of the absolute values of ``sample_inv_z_offsets``; infinite if not finite.
 
     Args:
         inv_z_dx, inv_z_dy: as there.
     """
-    reach = np.float32(frame.sample_reach) * np.float32(1.0 / SUBPIXEL)
+    reach = f32(frame.sample_reach) * f32(1.0 / SUBPIXEL)
     # Rounded as the sums at the samples are, none of which is farther out.
-    limit = abs(np.float32(inv_z_dx)) * reach + abs(np.float32(inv_z_dy)) * reach
-    return limit if limit < np.inf else np.float32(np.inf)
+    limit = abs(f32(inv_z_dx)) * reach + abs(f32(inv_z_dy)) * reach
+    return limit if limit < np.inf else f32(np.inf)
 
 
 @inlined
-def merge_whole_pixels(band, pixel, inv_z, max_offset, primitive, owner, full, touched):
+def merge_whole_pixels(
+    band: SampleBand,
+    pixel: I64,
+    inv_z: F32x8,
+    max_offset: F32x8,
+    primitive: AnyPrimitive,
+    owner: I64,
+    full: Mask8,
+    touched: Mask8,
+) -> I64:
     """Draw a primitive into eight pixels, except for those whose samples must be tested one by one.
 
     It takes pixels that it covers wholly and in front of everything. Pixels in which it is hidden are skipped.
 
     Args:
-        band: a SAMPLE_BAND.
         pixel: index of the first pixel in the band.
-        inv_z: f32x8: 1/z at the centres before it is clamped to the primitive's range.
-        max_offset: f32x8: as from ``max_inv_z_offset``.
-        primitive: a PRIMITIVE or SMALL_TRIANGLE.
-        owner: index of the primitive in FRAME.primitives.
-        full, touched: m8: pixels of which all samples are covered, and some may be.
+        inv_z: 1/z at the centres before it is clamped to the primitive's range.
+        max_offset: as from ``max_inv_z_offset``.
+        owner: index of the primitive in RasterFrame.primitives.
+        full, touched: pixels of which all samples are covered, and some may be.
 
     Returns:
         Mask of the pixels whose samples must be tested.
@@ -78,27 +89,27 @@ def merge_whole_pixels(band, pixel, inv_z, max_offset, primitive, owner, full, t
 
 
 @device_function
-def _write_owner_samples(frame, band, pixel, first_sample, owner):
+def _write_owner_samples(frame: RasterFrame, band: SampleBand, pixel: I64, first_sample: I64, owner: I64) -> None:
     """Write the samples of a pixel's owner to the pixel's slot.
 
     Args:
         pixel: index of the pixel in the band.
         first_sample: index of its first sample.
-        owner: index in FRAME.primitives of the primitive that all its samples see.
+        owner: index in RasterFrame.primitives of the primitive that all its samples see.
     """
     row = pixel // frame.stride
     x, y = pixel - row * frame.stride, band.first_row + row
     primitive = frame.primitives[owner]
     if primitive.kind == KIND_SMALL:
-        small = small_triangle_at(address(primitive))
+        small = SmallTriangle(address(primitive))
         base_x, base_y, _, _ = box_of(small)
-        row_inv_z = small.inv_z_base + small.inv_z_dy * np.float32(y - base_y)
-        center = vec.f32(row_inv_z + small.inv_z_dx * np.float32(x - base_x))
+        row_inv_z = small.inv_z_base + small.inv_z_dy * f32(y - base_y)
+        center = vec.f32(row_inv_z + small.inv_z_dx * f32(x - base_x))
         inv_z = center + sample_inv_z_offsets(frame, small.inv_z_dx, small.inv_z_dy)
     else:
-        base_x, base_y = inv_z_origin(primitive)
-        exact_row_inv_z = primitive.inv_z_base + primitive.inv_z_dy * np.float64(y - base_y)
-        center = vec.f32(exact_row_inv_z + primitive.inv_z_dx * np.float64(x - base_x))
+        base = inv_z_origin(primitive)
+        exact_row_inv_z = primitive.inv_z_base + primitive.inv_z_dy * f64(y - base.y)
+        center = vec.f32(exact_row_inv_z + primitive.inv_z_dx * f64(x - base.x))
         inv_z = center + sample_inv_z_offsets(frame, primitive.inv_z_dx, primitive.inv_z_dy)
     vec.store(band.sample_ids, first_sample, vec.i32(primitive.id))
     inv_z = vec.minimum(vec.maximum(inv_z, vec.f32(primitive.inv_z_min)), vec.f32(primitive.inv_z_max))
@@ -106,17 +117,17 @@ def _write_owner_samples(frame, band, pixel, first_sample, owner):
 
 
 @inlined
-def _open_slot(frame, band, slot_count, pixel):
+def _open_slot(frame: RasterFrame, band: SampleBand, slot_count: I64, pixel: I64) -> tuple[I64, I64, I64]:
     """Give a pixel a slot if it has none, and make it MIXED.
 
     Returns:
         Index of the pixel's first sample, its owner before, and the new ``slot_count``.
     """
-    slot = np.int64(band.slots[pixel])
+    slot = i64(band.slots[pixel])
     is_new = slot < 0
     slot = slot_count if is_new else slot
     band.slots[pixel] = slot
-    owner = np.int64(band.owners[pixel])
+    owner = i64(band.owners[pixel])
     if owner >= 0:
         _write_owner_samples(frame, band, pixel, vec.LANES * slot, owner)
     band.owners[pixel] = MIXED
@@ -124,18 +135,15 @@ def _open_slot(frame, band, slot_count, pixel):
 
 
 @inlined
-def _depth_test(inv_z, old_inv_z, ids, old_ids):
-    """Return m8: samples at which a primitive is seen instead of the old one. Empty samples have the id -1.
-
-    Args:
-        inv_z, old_inv_z: f32x8.
-        ids, old_ids: i32x8.
-    """
+def _depth_test(inv_z: F32x8, old_inv_z: F32x8, ids: I32x8, old_ids: I32x8) -> Mask8:
+    """Return the samples at which a primitive is seen instead of the old one. Empty samples have the id -1."""
     return (inv_z > old_inv_z) | ((inv_z == old_inv_z) & (ids > old_ids))
 
 
 @inlined
-def merge_samples(frame, band, slot_count, pixel, inv_z, covered, ids):
+def merge_samples(
+    frame: RasterFrame, band: SampleBand, slot_count: I64, pixel: I64, inv_z: F32x8, covered: Mask8, ids: I32x8
+) -> I64:
     """Write those of a pixel's covered samples that are not behind what is stored.
 
     Without a branch: which samples are, and whether the pixel was empty, cannot be predicted.
@@ -143,7 +151,7 @@ def merge_samples(frame, band, slot_count, pixel, inv_z, covered, ids):
     Args:
         slot_count: number of slots in use.
         pixel: index of the pixel in the band.
-        inv_z, covered, ids: f32x8, m8, i32x8: of its samples.
+        inv_z, covered, ids: of its samples.
 
     Returns:
         The new ``slot_count``.

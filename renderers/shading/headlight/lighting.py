@@ -1,22 +1,21 @@
 """Lighting of a part of a segment in the headlight looks, eight pixels at a time.
 
-``packed_row`` is explained in ``packed_rows``. Functions with a parameter ``begin`` shade the first ``count`` PIXELS,
+``packed_row`` is explained in ``packed_rows``. Functions with a parameter ``begin`` shade the first ``count`` pixels,
 which are the row's pixels from ``begin`` on.
 """
 
 from __future__ import annotations
 
-import numpy as np
-
 from renderers.compiler import simd as vec
 from renderers.compiler.device_function import device_function, inlined
+from renderers.compiler.kernel_types import I32, I64, Pointer, i64
 from renderers.compiler.pointers import stack_array
-from renderers.compiler.structs import I32
+from renderers.compiler.simd import F32x8, F32x8x3
 from renderers.shading.brdf import headlight_cosines, schlick, vtk_colors, vtk_reflected, vtk_specular
-from renderers.shading.headlight.layout import DIRECT
+from renderers.shading.headlight.layout import DIRECT, HeadlightInputs
 from renderers.shading.headlight.output_merge import packed, write_pixels
 from renderers.shading.interpolation import pixel_columns
-from renderers.shading.layout import LAMBERT, SPAN_STRIDE, STRIDE, UNLIT
+from renderers.shading.layout import LAMBERT, SPAN_STRIDE, STRIDE, UNLIT, Segment, ShadedPixels, ShadingMaterial
 from renderers.shading.material import (
     apply_normal_map,
     fill_base_color,
@@ -30,8 +29,8 @@ _colors = stack_array(I32, vec.LANES)
 
 
 @inlined
-def _base_color(material, pixels, has_rows, x):
-    """Return the base colour of eight pixels, three f32x8.
+def _base_color(material: ShadingMaterial, pixels: ShadedPixels, has_rows: bool, x: I64) -> F32x8x3:
+    """Return the base colour of eight pixels.
 
     Args:
         has_rows: True if the rows ``base_color`` are filled, False if all pixels have the material's factor.
@@ -42,14 +41,22 @@ def _base_color(material, pixels, has_rows, x):
 
 
 @inlined
-def _store_pixels(job, pixels, gamma, direct, packed_row, begin, x, rgb):
+def _store_pixels(
+    job: HeadlightInputs,
+    pixels: ShadedPixels,
+    gamma: bool,
+    direct: bool,
+    packed_row: Pointer[I32],
+    begin: I64,
+    x: I64,
+    rgb: F32x8x3,
+) -> None:
     """Store eight shaded pixels, for translucent layers in the rows ``base_color``.
 
     Args:
         gamma: True: encode linear colours.
         direct: True: store packed pixels in ``packed_row`` instead.
         begin: index in the row of the part's first pixel.
-        rgb: three f32x8.
     """
     if direct:
         write_pixels(job, gamma, packed_row, begin + x, rgb[0], rgb[1], rgb[2])
@@ -58,7 +65,9 @@ def _store_pixels(job, pixels, gamma, direct, packed_row, begin, x, rgb):
 
 
 @device_function
-def _shade_unlit(job, segment, has_rows, begin, count, packed_row):
+def _shade_unlit(
+    job: HeadlightInputs, segment: Segment, has_rows: bool, begin: I64, count: I64, packed_row: Pointer[I32]
+) -> None:
     """Show the base colour."""
     direct, material, pixels = job.mode == DIRECT, segment.material, segment.pixels
     gamma = material.gamma != 0
@@ -67,13 +76,15 @@ def _shade_unlit(job, segment, has_rows, begin, count, packed_row):
 
 
 @inlined
-def _headlight_cosine(normal):
+def _headlight_cosine(normal: F32x8x3) -> F32x8:
     """Return max(0, n . (0, 0, -1)): the headlight shines along the optical axis."""
     return vec.maximum(-normal[2] * scale_to(normal, vec.f32(1.0)), vec.f32(0.0))
 
 
 @device_function
-def _shade_lambert(job, segment, has_rows, begin, count, packed_row):
+def _shade_lambert(
+    job: HeadlightInputs, segment: Segment, has_rows: bool, begin: I64, count: I64, packed_row: Pointer[I32]
+) -> None:
     """Show the base colour times ``_headlight_cosine`` (Lambert)."""
     direct, material, pixels = job.mode == DIRECT, segment.material, segment.pixels
     for x in range(0, count, vec.LANES):
@@ -83,7 +94,9 @@ def _shade_lambert(job, segment, has_rows, begin, count, packed_row):
 
 
 @device_function
-def _shade_pbr(job, segment, has_rows, begin, count, packed_row):
+def _shade_pbr(
+    job: HeadlightInputs, segment: Segment, has_rows: bool, begin: I64, count: I64, packed_row: Pointer[I32]
+) -> None:
     """Show metallic-roughness reflection as VTK evaluates it, with occlusion and emission."""
     material, pixels, columns, shading_job = segment.material, segment.pixels, segment.columns, segment.job
     has_roughness_map, has_emissive_map = material.metallic_roughness_texture >= 0, material.emissive_texture >= 0
@@ -122,17 +135,17 @@ def _shade_pbr(job, segment, has_rows, begin, count, packed_row):
 
 
 @inlined
-def is_uniform_lambert(job, segment):
+def is_uniform_lambert(job: HeadlightInputs, segment: Segment) -> bool:
     """Return True if the colour of a segment depends on its normals only."""
     return job.mode == DIRECT and segment.material.lighting == LAMBERT and not has_varying_color(segment)
 
 
 @device_function
-def fill_spans(segment, span, part_end_span, packed_row):
+def fill_spans(segment: Segment, span: I64, part_end_span: I64, packed_row: Pointer[I32]) -> None:
     """Write the spans ``span .. part_end_span``, each of one colour.
 
     The segment is ``is_uniform_lambert`` and has constant normals along each span, as walls, floors and meshes without
-    normals have. ``set_up_spans`` has filled SPANS.
+    normals have. ``set_up_spans`` has filled Spans.
     """
     base_color, normals, span_starts = broadcast3(segment.material.base_color, 0), segment.spans.normal, segment.starts
     colors = _colors()
@@ -140,14 +153,14 @@ def fill_spans(segment, span, part_end_span, packed_row):
         r, g, b = times(base_color, _headlight_cosine(load3(normals, first - span, SPAN_STRIDE)))
         vec.store(colors, 0, packed(r, g, b))
         for k in range(min(part_end_span - first, vec.LANES)):
-            color = vec.i32(np.int64(colors[k]))
+            color = vec.i32(i64(colors[k]))
             for x in range(span_starts[first + k], span_starts[first + k + 1], vec.LANES):
                 vec.store(packed_row, x, color)
 
 
 @inlined
-def shade(job, segment, begin, end, packed_row):
-    """Shade the pixels ``begin .. end``, at most PART, whose attributes are the first values of PIXELS.
+def shade(job: HeadlightInputs, segment: Segment, begin: I64, end: I64, packed_row: Pointer[I32]) -> None:
+    """Shade the pixels ``begin .. end``, at most PART, whose attributes are the first values of ShadedPixels.
 
     In the mode ``DIRECT`` they are stored in ``packed_row``, with up to seven further ones. In the other modes, colour
     and alpha are stored in the rows ``base_color``.

@@ -7,27 +7,29 @@ transmittance. Their rows are eight values longer than those of the image.
 
 from __future__ import annotations
 
-import numpy as np
-
 from renderers.compiler import simd as vec
 from renderers.compiler.device_function import device_function, inlined
+from renderers.compiler.kernel_types import F32, I32, I64, Pointer, f32
 from renderers.compiler.pointers import advance
+from renderers.compiler.simd import F32x8, I32x8
 from renderers.shading.gamma import byte_from_unit, encode_gamma
-from renderers.shading.headlight.layout import DIRECT, UNDER
-from renderers.shading.layout import STRIDE
+from renderers.shading.headlight.layout import DIRECT, UNDER, HeadlightInputs
+from renderers.shading.layout import STRIDE, Segment
 from renderers.shading.level_cells import encoded_pixels
 from renderers.shading.materials import ALPHA_BLEND, ALPHA_MASK
 from renderers.shading.vec3 import load3, saturate
 
 
 @inlined
-def packed(r, g, b):
-    """Return eight colours in 0 .. 1 (f32x8 each) as packed pixels (i32x8), red in the lowest byte."""
+def packed(r: F32x8, g: F32x8, b: F32x8) -> I32x8:
+    """Return eight colours in 0 .. 1 as packed pixels, red in the lowest byte."""
     return byte_from_unit(r) | (byte_from_unit(g) << vec.i32(8)) | (byte_from_unit(b) << vec.i32(16))
 
 
 @inlined
-def write_pixels(job, gamma, packed_row, x, r, g, b):
+def write_pixels(
+    job: HeadlightInputs, gamma: bool, packed_row: Pointer[I32], x: I64, r: F32x8, g: F32x8, b: F32x8
+) -> None:
     """Store eight shaded pixels, linear (``gamma``: they are encoded) or as stored, in a packed row from pixel x on."""
     if gamma:
         vec.store(packed_row, x, encoded_pixels(r, g, b, job.gamma_cells))
@@ -36,25 +38,25 @@ def write_pixels(job, gamma, packed_row, x, r, g, b):
 
 
 @inlined
-def _encoded(job, gamma, c):
-    """Return the value, 0 .. 1, f32x8, that ``write_pixels`` would round to a byte."""
+def _encoded(job: HeadlightInputs, gamma: bool, c: F32x8) -> F32x8:
+    """Return the value, 0 .. 1, that ``write_pixels`` would round to a byte."""
     if gamma:
         return encode_gamma(c, job.gamma_from_linear)
     return saturate(c)
 
 
 @inlined
-def _gathered_row(job, y):
+def _gathered_row(job: HeadlightInputs, y: I64) -> tuple[Pointer[F32], I64]:
     """Return a pointer to row y of the gathered layers' first channel, and the number of values of a whole channel."""
     row_values = job.width + vec.LANES
     return advance(job.gathered, row_values * y), row_values * job.height
 
 
 @device_function
-def gather(job, segment, begin, end):
+def gather(job: HeadlightInputs, segment: Segment, begin: I64, end: I64) -> None:
     """Blend the row's pixels ``begin .. end`` behind the layers gathered so far, encoded as stored, as VTK does.
 
-    Their colour and alpha are in the rows ``base_color`` of PIXELS.
+    Their colour and alpha are in the rows ``base_color`` of ShadedPixels.
     """
     gathered, channel_size = _gathered_row(job, segment.y)
     pixels, alpha_mode, cutoff = segment.pixels, segment.material.alpha_mode, segment.material.alpha_cutoff
@@ -79,8 +81,8 @@ def gather(job, segment, begin, end):
 
 
 @inlined
-def _beneath(gathered, channel_size, x, r, g, b):
-    """Return packed pixels of colours (f32x8 each), blended behind the gathered layers."""
+def _beneath(gathered: Pointer[F32], channel_size: I64, x: I64, r: F32x8, g: F32x8, b: F32x8) -> I32x8:
+    """Return packed pixels of colours, blended behind the gathered layers."""
     transmittance = vec.load(gathered, 3 * channel_size + x)
     return packed(
         vec.load(gathered, x) + transmittance * r,
@@ -90,7 +92,7 @@ def _beneath(gathered, channel_size, x, r, g, b):
 
 
 @device_function
-def write_under(job, segment, begin, end, packed_row):
+def write_under(job: HeadlightInputs, segment: Segment, begin: I64, end: I64, packed_row: Pointer[I32]) -> None:
     """Write the row's pixels ``begin .. end``, blended behind the gathered layers; see ``gather``."""
     gathered, channel_size = _gathered_row(job, segment.y)
     pixels, gamma = segment.pixels, segment.material.gamma != 0
@@ -101,13 +103,13 @@ def write_under(job, segment, begin, end, packed_row):
 
 
 @inlined
-def _background_channel(background, k):
-    """Return one channel of the background, 0 .. 1, f32x8."""
-    return vec.f32(np.float32((background >> (8 * k)) & 255) / np.float32(255.0))
+def _background_channel(background: I64, k: I64) -> F32x8:
+    """Return one channel of the background, 0 .. 1."""
+    return vec.f32(f32((background >> (8 * k)) & 255) / f32(255.0))
 
 
 @device_function
-def write_background(job, y, begin, end, packed_row):
+def write_background(job: HeadlightInputs, y: I64, begin: I64, end: I64, packed_row: Pointer[I32]) -> None:
     """Write the background to the pixels ``begin .. end``, blended behind the gathered layers if there are any."""
     background = job.background
     if job.mode == DIRECT:

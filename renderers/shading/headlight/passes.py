@@ -14,7 +14,7 @@ from renderers.drawlist import DrawList
 from renderers.interface import VTK_LOOKS, Look
 from renderers.shading.depth_peeling import for_bands, peeled, surfaces_in_drawing_order
 from renderers.shading.gamma import GAMMA_CELLS, GAMMA_FROM_LINEAR
-from renderers.shading.headlight.layout import DIRECT, GATHER, HEADLIGHT_JOB, UNDER
+from renderers.shading.headlight.layout import DIRECT, GATHER, UNDER, HeadlightInputs
 from renderers.shading.headlight.shade_rows import shade_rows
 from renderers.shading.scene import ShadingJob, ShadingScene
 
@@ -82,7 +82,7 @@ def solid_pixels(
 
 
 class HeadlightJob:
-    """The HEADLIGHT_JOB of an image or layer. Immutable, thread-safe. The addresses given to it must outlive it."""
+    """The HeadlightInputs of an image or layer. Immutable, thread-safe. The addresses given to it must outlive it."""
 
     def __init__(
         self,
@@ -102,14 +102,14 @@ class HeadlightJob:
             first_ids, X_camera_mesh: addresses of the arrays of these names in ``Visibility``.
             stride: number of values from one row of primitive ids to the next.
             color: address of the image, (H, W, 3) uint8.
-            mode, gathered: as in HEADLIGHT_JOB.
+            mode, gathered: as in HeadlightInputs.
         """
         if shading.look != look.name:
             raise ValueError(f"the scene was prepared for the look {shading.look!r}, not {look.name!r}")
         shading_job = ShadingJob(shading, camera, first_ids, X_camera_mesh, area_filter=look.area_filter)
-        job = np.empty(1, HEADLIGHT_JOB.dtype)
+        job = np.empty(1, HeadlightInputs.dtype)
         red, green, blue = look.background
-        job[0] = HEADLIGHT_JOB.record(
+        job[0] = HeadlightInputs.record(
             shading=shading_job.address,
             mode=mode,
             width=camera.width,
@@ -121,7 +121,7 @@ class HeadlightJob:
             gamma_cells=_GAMMA_TABLES[0],
             gamma_from_linear=_GAMMA_TABLES[1],
         )
-        self.address = address_of(job, HEADLIGHT_JOB.dtype)
+        self.address = address_of(job, HeadlightInputs.dtype)
         """Valid while this object is alive."""
         self._keep = (shading_job, job)
 

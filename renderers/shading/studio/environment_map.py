@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 
 from renderers.compiler.device_function import device_function
 from renderers.compiler.jit import kernel
+from renderers.compiler.kernel_types import F64, Array1, Array2
 from renderers.light_rig import Surroundings
 from renderers.shading.studio.environment_image import radiance_of
 from renderers.shading.studio.octahedral import equirect_directions, octahedral_directions, with_border
@@ -118,7 +119,7 @@ def _hammersley(count: int) -> NDArray[np.float64]:
 
 
 @device_function
-def _tangent(nx, ny, nz):
+def _tangent(nx: F64, ny: F64, nz: F64) -> tuple[F64, F64, F64]:
     """Return a unit vector that is perpendicular to a unit vector."""
     if abs(nz) < 0.9:
         scale = 1.0 / math.sqrt(nx * nx + ny * ny)
@@ -127,8 +128,16 @@ def _tangent(nx, ny, nz):
     return 0.0, -nz * scale, ny * scale
 
 
-@kernel("void(float32[::1], int64[::1], int64[:,::1], float64[:,::1], float64, float64[:,::1], float32[:,::1])")
-def _prefilter(values, offsets, sizes, directions, roughness, samples, means):
+@kernel
+def _prefilter(
+    values: Array1[np.float32],
+    offsets: Array1[np.int64],
+    sizes: Array2[np.int64],
+    directions: Array2[np.float64],
+    roughness: F64,
+    samples: Array2[np.float64],
+    means: Array2[np.float32],
+) -> None:
     """Fill ``means`` with the radiance around each direction, weighted by GGX for a viewer there (Karis 2013).
 
     Half vectors h are importance-sampled. Each reads the image whose pixels have the solid angle of the sample. n is
@@ -181,7 +190,9 @@ def _prefilter(values, offsets, sizes, directions, roughness, samples, means):
 
 
 @device_function
-def _sample_pyramid(values, offsets, sizes, level, x, y, z):
+def _sample_pyramid(
+    values: Array1[np.float32], offsets: Array1[np.int64], sizes: Array2[np.int64], level: F64, x: F64, y: F64, z: F64
+) -> tuple[F64, F64, F64]:
     """Sample the image nearest to ``level`` bilinearly in the direction (x, y, z). Return RGB."""
     nearest = min(max(int(level + 0.5), 0), offsets.shape[0] - 1)
     height, width = sizes[nearest, 0], sizes[nearest, 1]

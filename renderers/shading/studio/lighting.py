@@ -4,9 +4,12 @@ from __future__ import annotations
 
 from renderers.compiler import simd as vec
 from renderers.compiler.device_function import device_function, inlined
+from renderers.compiler.kernel_types import F32, I64, Pointer
+from renderers.compiler.simd import F32x8, F32x8x2, F32x8x3, I32x8
 from renderers.shading.brdf import ambient_channel, reflected
 from renderers.shading.layout import STRIDE
 from renderers.shading.studio.environment_map import LEVELS
+from renderers.shading.studio.layout import StudioLight, StudioLighting, StudioSurfaces
 from renderers.shading.studio.lights import DIRECTIONAL, SPOT
 from renderers.shading.studio.shadow_sampling import unshadowed_share
 from renderers.shading.studio.tone_mapping import tone_map
@@ -14,13 +17,8 @@ from renderers.shading.vec3 import broadcast3, dot, load3, minus, saturate, stor
 
 
 @device_function
-def light_surfaces(lighting, surfaces, count):
-    """Fill the rows ``to_camera`` and ``color`` of the first ``count`` surfaces.
-
-    Args:
-        lighting: a LIGHTING.
-        surfaces: a SURFACES.
-    """
+def light_surfaces(lighting: StudioLighting, surfaces: StudioSurfaces, count: I64) -> None:
+    """Fill the rows ``to_camera`` and ``color`` of the first ``count`` surfaces."""
     zero = vec.f32(0.0)
     for x in range(0, count, vec.LANES):
         store3(surfaces.color, x, STRIDE, (zero, zero, zero))
@@ -42,7 +40,7 @@ def light_surfaces(lighting, surfaces, count):
 
 
 @inlined
-def _direction_and_attenuation(light, point):
+def _direction_and_attenuation(light: StudioLight, point: F32x8x3) -> tuple[F32x8x3, F32x8]:
     """Return unit vectors from points to a light, and the factors of its colour at the points, without shadows."""
     zero, one = vec.f32(0.0), vec.f32(1.0)
     direction = broadcast3(light.direction, 0)
@@ -64,7 +62,7 @@ def _direction_and_attenuation(light, point):
 
 
 @device_function
-def _add_light(lighting, light, surfaces, count):
+def _add_light(lighting: StudioLighting, light: StudioLight, surfaces: StudioSurfaces, count: I64) -> None:
     """Add the reflection of one light to the rows ``color`` of the first ``count`` surfaces."""
     zero = vec.f32(0.0)
     light_r, light_g, light_b = broadcast3(light.color, 0)
@@ -103,7 +101,7 @@ def _add_light(lighting, light, surfaces, count):
 
 
 @inlined
-def _octahedral_uv(direction):
+def _octahedral_uv(direction: F32x8x3) -> F32x8x2:
     """Return the position (u, v) of directions in an octahedral table, 0 .. 1 each; the centre for a zero vector."""
     zero, half = vec.f32(0.0), vec.f32(0.5)
     total = vec.absolute(direction[0]) + vec.absolute(direction[1]) + vec.absolute(direction[2])
@@ -116,12 +114,12 @@ def _octahedral_uv(direction):
 
 
 @inlined
-def _sample_environment(lighting, table, direction):
+def _sample_environment(lighting: StudioLighting, table: I32x8, direction: F32x8x3) -> F32x8x3:
     """Sample octahedral tables bilinearly at directions of the world. Return RGB.
 
     Args:
-        table: i32x8, index of the table for each lane: a level of ``Environment``, or LEVELS for the irradiance.
-        direction: three f32x8, of any length.
+        table: index of the table for each lane: a level of ``Environment``, or LEVELS for the irradiance.
+        direction: of any length.
     """
     tables = lighting.environment_tables
     two, four = vec.i32(2), vec.i32(4)
@@ -148,7 +146,7 @@ def _sample_environment(lighting, table, direction):
 
 
 @inlined
-def _sample_split_sum(table, side, n_v, roughness):
+def _sample_split_sum(table: Pointer[F32], side: I64, n_v: F32x8, roughness: F32x8) -> F32x8x2:
     """Return scale and bias of ``environment_map.split_sum``, interpolated. ``n_v`` and ``roughness`` are 0 .. 1."""
     one, two, last = vec.f32(1.0), vec.i32(2), vec.i32(side - 2)
     x, y = n_v * vec.f32(side - 1), roughness * vec.f32(side - 1)
@@ -166,7 +164,7 @@ def _sample_split_sum(table, side, n_v, roughness):
 
 
 @device_function
-def _add_environment(lighting, surfaces, count):
+def _add_environment(lighting: StudioLighting, surfaces: StudioSurfaces, count: I64) -> None:
     """Add the reflection of the environment to the rows ``color`` of the first ``count`` surfaces."""
     R_world_camera = lighting.R_world_camera
     one, two = vec.f32(1.0), vec.f32(2.0)

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from renderers.camera import Camera
 from renderers.drawlist import Light, LightKind
-from renderers.shading.studio.layout import LIGHT
+from renderers.shading.studio.layout import StudioLight
 
 DIRECTIONAL: Final = 0
 POINT: Final = 1
@@ -74,13 +74,13 @@ def _spot_falloff(light: Light) -> tuple[float, float]:
 
 
 def light_structs(lights: Sequence[Light], shadow_maps: Sequence[int], camera: Camera) -> NDArray[Any]:
-    """Return an array of LIGHT, one per light and at least one.
+    """Return an array of StudioLight, one per light and at least one.
 
     Args:
         shadow_maps: each light's index among the shadow maps, or -1.
     """
     X_camera_world = camera.X_camera_world
-    structs = np.zeros(max(len(lights), 1), LIGHT.dtype)
+    structs = np.zeros(max(len(lights), 1), StudioLight.dtype)
     # Without lights, one struct is left as it is: zeros.
     for struct, light, shadow_map in zip(structs, lights, shadow_maps, strict=False):
         struct["kind"] = _KINDS[light.kind]

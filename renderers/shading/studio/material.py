@@ -1,4 +1,4 @@
-"""Evaluation of glTF materials at pixels: fills the SURFACES that are lit from interpolated attributes."""
+"""Evaluation of glTF materials at pixels: fills the StudioSurfaces that are lit from interpolated attributes."""
 
 from __future__ import annotations
 
@@ -6,10 +6,12 @@ from typing import Final
 
 from renderers.compiler import simd as vec
 from renderers.compiler.device_function import device_function
-from renderers.shading.layout import STRIDE, UNLIT
+from renderers.compiler.kernel_types import I64
+from renderers.shading.layout import STRIDE, UNLIT, Segment, ShadedPixels, ShadingMaterial
 from renderers.shading.material import apply_normal_map, fill_base_color, sample_maps, unoccluded_share
 from renderers.shading.materials import ALPHA_MASK, ALPHA_OPAQUE
 from renderers.shading.sampling import sample
+from renderers.shading.studio.layout import StudioSurfaces
 from renderers.shading.vec3 import broadcast3, load3, multiply3, saturate, scale_to, store3, times
 
 COLOR: Final = 0
@@ -21,12 +23,11 @@ ALPHA: Final = 2
 
 
 @device_function
-def fill_surfaces(segment, fill, count, surfaces, first):
-    """Fill SURFACES, except ``to_camera`` and ``color``, from the segment's first ``count`` PIXELS.
+def fill_surfaces(segment: Segment, fill: I64, count: I64, surfaces: StudioSurfaces, first: I64) -> bool:
+    """Fill StudioSurfaces, except ``to_camera`` and ``color``, from the segment's first ``count`` ShadedPixels.
 
     Args:
         fill: ``COLOR``, ``COLOR_AND_ALPHA`` or ``ALPHA``.
-        surfaces: a SURFACES.
         first: index of the first pixel's surface.
 
     Returns:
@@ -53,7 +54,9 @@ def fill_surfaces(segment, fill, count, surfaces, first):
 
 
 @device_function
-def _fill_alpha(material, pixels, count, surfaces, first):
+def _fill_alpha(
+    material: ShadingMaterial, pixels: ShadedPixels, count: I64, surfaces: StudioSurfaces, first: I64
+) -> None:
     """Fill the row ``alpha`` according to the material's alpha mode."""
     zero, one = vec.f32(0.0), vec.f32(1.0)
     for x in range(0, count, vec.LANES):
@@ -68,7 +71,7 @@ def _fill_alpha(material, pixels, count, surfaces, first):
 
 
 @device_function
-def _fill_geometry(pixels, count, surfaces, first):
+def _fill_geometry(pixels: ShadedPixels, count: I64, surfaces: StudioSurfaces, first: I64) -> None:
     """Fill the rows ``normal``, ``point`` and ``flat_normal``."""
     one = vec.f32(1.0)
     for x in range(0, count, vec.LANES):
@@ -79,7 +82,9 @@ def _fill_geometry(pixels, count, surfaces, first):
 
 
 @device_function
-def _fill_metallic_roughness(material, pixels, count, surfaces, first):
+def _fill_metallic_roughness(
+    material: ShadingMaterial, pixels: ShadedPixels, count: I64, surfaces: StudioSurfaces, first: I64
+) -> None:
     """Fill the rows ``base_color``, ``metallic``, ``roughness``, ``unoccluded`` and ``emitted``."""
     zero = vec.f32(0.0)
     for x in range(0, count, vec.LANES):
@@ -100,7 +105,9 @@ def _fill_metallic_roughness(material, pixels, count, surfaces, first):
 
 
 @device_function
-def _fill_dielectric(segment, material, pixels, count, surfaces, first):
+def _fill_dielectric(
+    segment: Segment, material: ShadingMaterial, pixels: ShadedPixels, count: I64, surfaces: StudioSurfaces, first: I64
+) -> None:
     """Fill the rows ``f0`` and ``f90`` (KHR_materials_ior, KHR_materials_specular)."""
     one, reflectance = vec.f32(1.0), vec.f32(material.reflectance)
     if material.specular_texture >= 0:

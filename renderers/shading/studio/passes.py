@@ -95,7 +95,7 @@ def paint(
         )
     lighting = _lighting(rig, lights, shadow_maps, map_of_light, camera)
     output = _output(background, color)
-    output_address = address_of(output, layout.OUTPUT.dtype)
+    output_address = address_of(output, layout.StudioOutput.dtype)
     if opaque is None:
         if samples == 1 and visible is not None:
             _shade_layer(rasterizer, shading, lighting, visible, camera, ADD, 0, output_address)
@@ -160,10 +160,10 @@ def _shade_layer(
     Args:
         mode: as in ``shade_rows``.
         target: address of the accumulated rows; 0: none.
-        output: address of an OUTPUT; 0: none.
+        output: address of an StudioOutput; 0: none.
     """
     job, keep = _job(shading, lighting, layer.X_camera_mesh, layer.first_ids, camera)
-    job_address, width = address_of(job, layout.STUDIO_JOB.dtype), camera.width
+    job_address, width = address_of(job, layout.StudioInputs.dtype), camera.width
 
     def shade(begin: int, end: int) -> None:
         ids = address_of(layer.ids[begin:], np.int32)
@@ -187,22 +187,22 @@ def _solid_pixels(
 def _sampled_shader(
     shading: ShadingScene, lighting: _Lighting, camera: Camera, output: int, view: SampledView
 ) -> SampledShader:
-    """Return the shader of bands with several samples per pixel. ``output`` is the address of an OUTPUT."""
+    """Return the shader of bands with several samples per pixel. ``output`` is the address of an StudioOutput."""
     from renderers.visibility_buffer import SampledShader
 
     job, keep = _job(shading, lighting, view.X_camera_mesh, view.first_ids, camera)
-    shader = np.zeros(1, layout.EDGE_SHADER.dtype)
+    shader = np.zeros(1, layout.StudioEdgeShader.dtype)
     shader["shade_rows"] = kernel_address(shade_rows)
-    shader["job"] = address_of(job, layout.STUDIO_JOB.dtype)
+    shader["job"] = address_of(job, layout.StudioInputs.dtype)
     shader["width"] = camera.width
     shader["output"] = output
-    shader_address = address_of(shader, layout.EDGE_SHADER.dtype)
+    shader_address = address_of(shader, layout.StudioEdgeShader.dtype)
     return SampledShader(kernel_address(shade_edges), shader_address, (shader, job, keep))
 
 
 def _output(background: tuple[int, int, int], color: NDArray[np.uint8]) -> NDArray[Any]:
-    """Return an OUTPUT; its addresses are valid as long as ``color``."""
-    output = np.zeros(1, layout.OUTPUT.dtype)
+    """Return an StudioOutput; its addresses are valid as long as ``color``."""
+    output = np.zeros(1, layout.StudioOutput.dtype)
     output["background"] = [linear_from_srgb(value / 255.0) for value in background]
     output["srgb_cells"] = address_of(SRGB_CELLS, np.int32)
     output["color"] = address_of(color, np.uint8)
@@ -211,17 +211,17 @@ def _output(background: tuple[int, int, int], color: NDArray[np.uint8]) -> NDArr
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Lighting:
-    """LIGHTING of an image, in its camera's frame."""
+    """StudioLighting of an image, in its camera's frame."""
 
     struct: NDArray[Any]
-    """One LIGHTING."""
+    """One StudioLighting."""
     keep: tuple[object, ...]
     """Objects that the addresses in ``struct`` point into."""
 
 
 def _no_lighting() -> _Lighting:
-    """Return a LIGHTING without lights and environment."""
-    struct = np.zeros(1, layout.LIGHTING.dtype)
+    """Return a StudioLighting without lights and environment."""
+    struct = np.zeros(1, layout.StudioLighting.dtype)
     stop = current_stop()
     struct["stop"] = stop.address
     return _Lighting(struct, (stop,))
@@ -230,13 +230,13 @@ def _no_lighting() -> _Lighting:
 def _lighting(
     rig: Rig, lights: Sequence[Light], shadow_maps: Sequence[ShadowMap], map_of_light: Sequence[int], camera: Camera
 ) -> _Lighting:
-    """Return the LIGHTING of an image; ``map_of_light`` has the index of each light's shadow map, or -1."""
+    """Return the StudioLighting of an image; ``map_of_light`` has the index of each light's shadow map, or -1."""
     unlit = _no_lighting()
     struct = unlit.struct
     light_array, map_array = light_structs(lights, map_of_light, camera), shadow_map_structs(shadow_maps, camera)
-    struct["lights"] = address_of(light_array, layout.LIGHT.dtype)
+    struct["lights"] = address_of(light_array, layout.StudioLight.dtype)
     struct["light_count"] = len(lights)
-    struct["shadow_maps"] = address_of(map_array, layout.SHADOW_MAP.dtype)
+    struct["shadow_maps"] = address_of(map_array, layout.StudioShadowMap.dtype)
     struct["shadow_radius"] = rig.shadow_radius
     struct["R_world_camera"] = camera.X_world_camera[:3, :3].reshape(-1)
     struct["exposure"] = rig.exposure
@@ -258,9 +258,9 @@ def _job(
     first_ids: NDArray[np.int64],
     camera: Camera,
 ) -> tuple[NDArray[Any], tuple[object, ...]]:
-    """Return a STUDIO_JOB, and the objects that its addresses point into."""
+    """Return a StudioInputs, and the objects that its addresses point into."""
     shading_job = ShadingJob(shading, camera, address_of(first_ids, np.int64), address_of(X_camera_mesh, np.float64))
-    job = np.zeros(1, layout.STUDIO_JOB.dtype)
+    job = np.zeros(1, layout.StudioInputs.dtype)
     job["shading"] = shading_job.address
-    job["lighting"] = address_of(lighting.struct, layout.LIGHTING.dtype)
+    job["lighting"] = address_of(lighting.struct, layout.StudioLighting.dtype)
     return job, (shading_job, lighting, first_ids, X_camera_mesh)

@@ -8,29 +8,25 @@ from __future__ import annotations
 
 from typing import Final
 
-import numpy as np
-
 from renderers.compiler import simd as vec
 from renderers.compiler.device_function import device_function, inlined
 from renderers.compiler.jit import kernel
 from renderers.compiler.kernel_calls import call_kernel, is_set
+from renderers.compiler.kernel_types import F32, I32, I64, U8, Address, Pointer, f32, i64
 from renderers.compiler.pointers import address, advance, allocate, f32_at, i32_at, release, stack_array
-from renderers.compiler.structs import F32, I32, I64, U8, Struct, pointer_to
-from renderers.msaa import sample_band_at
+from renderers.compiler.structs import Struct
+from renderers.msaa import SampleBand
 from renderers.shading.interpolation import interpolate, pixel_columns
-from renderers.shading.layout import PART, STRIDE
+from renderers.shading.layout import PART, STRIDE, Segment, ShadedPixels, Spans
 from renderers.shading.span_setup import set_up_spans
-from renderers.shading.spans import (
-    begin_rows,
-    end_rows,
-    find_spans,
-    new_pixels,
-    new_segment,
-    new_spans,
-    next_part,
-    next_segment,
+from renderers.shading.spans import begin_rows, end_rows, find_spans, next_part, next_segment
+from renderers.shading.studio.layout import (
+    StudioEdgeShader,
+    StudioInputs,
+    StudioOutput,
+    StudioSurfaces,
+    channel_values_in_kernel,
 )
-from renderers.shading.studio.layout import EDGE_SHADER, OUTPUT, STUDIO_JOB, SURFACES, channel_values_in_kernel
 from renderers.shading.studio.lighting import light_surfaces
 from renderers.shading.studio.material import ALPHA, COLOR, COLOR_AND_ALPHA, fill_surfaces
 from renderers.shading.studio.tone_mapping import write_image_row
@@ -40,56 +36,62 @@ ADD: Final = 0
 BENEATH: Final = 1
 """Blend the layer behind the accumulated layers."""
 EDGES: Final = 2
-"""Add the surfaces of a ``msaa.SAMPLE_BAND``, each weighted by the number of samples that see it."""
+"""Add the surfaces of a ``msaa.SampleBand``, each weighted by the number of samples that see it."""
 WRITE_ALPHA: Final = 3
 """Only write alpha."""
 
-_ROW: Final = Struct(
-    "StudioRow",
-    {
-        "mode": I64,  # ADD, BENEATH, EDGES or WRITE_ALPHA
-        "accumulated": pointer_to(F32),  # accumulated row; with WRITE_ALPHA a row of alpha
-        "channel_size": I64,  # number of values of one of its channels
-        "surfaces": SURFACES,  # surfaces that are gathered, but not lit yet
-        "columns": pointer_to(I32),  # image columns of the gathered surfaces
-        "gathered": I64,  # number of gathered surfaces
-        "weights": pointer_to(U8),  # samples (of 8) that see each pixel's surface; read only if the segment has columns
-    },
-)
-"""State of the row that is being shaded."""
 
-_job_at, _output_at, _edge_shader_at = STUDIO_JOB.at, OUTPUT.at, EDGE_SHADER.at
-_new_surfaces, _new_row, _new_columns = SURFACES.local, _ROW.local, stack_array(I32, STRIDE)
-_SURFACES_VALUES: Final = SURFACES.size // 4
+class _StudioRow(Struct):
+    """State of the row that is being shaded."""
+
+    mode: I64  # ADD, BENEATH, EDGES or WRITE_ALPHA
+    accumulated: Pointer[F32]  # accumulated row; with WRITE_ALPHA a row of alpha
+    channel_size: I64  # number of values of one of its channels
+    surfaces: StudioSurfaces  # surfaces that are gathered, but not lit yet
+    columns: Pointer[I32]  # image columns of the gathered surfaces
+    gathered: I64  # number of gathered surfaces
+    weights: Pointer[U8]  # samples (of 8) that see each pixel's surface; read only if the segment has columns
+
+
+_new_columns = stack_array(I32, STRIDE)
+_SURFACES_VALUES: Final = StudioSurfaces.nbytes // 4
 
 
 @inlined
-def _blend_one(mode, accumulated, channel_size, x, surfaces, color, k):
+def _blend_one(
+    mode: I64,
+    accumulated: Pointer[F32],
+    channel_size: I64,
+    x: I64,
+    surfaces: StudioSurfaces,
+    color: Pointer[F32],
+    k: I64,
+) -> None:
     """Blend surface k into column x. ``color``: as in ``_blend``."""
     share = surfaces.alpha[k]
     if mode == BENEATH:
-        share *= max(np.float32(1.0) - accumulated[3 * channel_size + x], np.float32(0.0))
+        share *= max(f32(1.0) - accumulated[3 * channel_size + x], f32(0.0))
     for c in range(3):
         accumulated[c * channel_size + x] += share * color[c * STRIDE + k]
     accumulated[3 * channel_size + x] += share
 
 
 @device_function
-def _blend(row, color, begin, end):
+def _blend(row: _StudioRow, color: Pointer[F32], begin: I64, end: I64) -> None:
     """Blend the gathered surfaces ``begin .. end`` into their columns.
 
     Args:
-        color: pointer to the three rows of SURFACES that are the surfaces' colour.
+        color: pointer to the three rows of StudioSurfaces that are the surfaces' colour.
     """
     mode, surfaces, columns = row.mode, row.surfaces, row.columns
     accumulated, channel_size = row.accumulated, row.channel_size
     lane, one, zero = vec.iota(), vec.f32(1.0), vec.f32(0.0)
     for k in range(begin, end, vec.LANES):
-        x, count = np.int64(columns[k]), end - k
+        x, count = i64(columns[k]), end - k
         in_range = lane < vec.i32(count)
         if vec.movemask(in_range & (vec.load(columns, k) != vec.i32(x) + lane)) != 0:  # not neighbouring columns
             for j in range(min(count, vec.LANES)):
-                _blend_one(mode, accumulated, channel_size, np.int64(columns[k + j]), surfaces, color, k + j)
+                _blend_one(mode, accumulated, channel_size, i64(columns[k + j]), surfaces, color, k + j)
             continue
         share = vec.load(surfaces.alpha, k)
         coverage = vec.load(accumulated, 3 * channel_size + x)
@@ -103,16 +105,16 @@ def _blend(row, color, begin, end):
 
 
 @device_function
-def _light_and_blend(job, row):
+def _light_and_blend(job: StudioInputs, row: _StudioRow) -> None:
     """Light the gathered surfaces and blend them into the row."""
     if row.gathered > 0:
         light_surfaces(job.lighting, row.surfaces, row.gathered)
-        _blend(row, row.surfaces.color, np.int64(0), row.gathered)
+        _blend(row, row.surfaces.color, i64(0), row.gathered)
         row.gathered = 0
 
 
 @device_function
-def _fill_columns(segment, row, begin, end):
+def _fill_columns(segment: Segment, row: _StudioRow, begin: I64, end: I64) -> None:
     """Append the columns and ``alpha`` of the segment's pixels ``begin .. end`` to those of the gathered surfaces.
 
     Alpha is 1. If the segment has columns, it is the share of the samples that see the surface.
@@ -124,22 +126,22 @@ def _fill_columns(segment, row, begin, end):
         vec.store(alpha, first + x - begin, one)
     if pixel_columns_address != 0:
         for x in range(begin, end):
-            alpha[first + x - begin] = np.float32(weights[x]) * np.float32(0.125)
+            alpha[first + x - begin] = f32(weights[x]) * f32(0.125)
 
 
 @device_function
-def _gather(job, segment, row, span, end_span):
+def _gather(job: StudioInputs, segment: Segment, row: _StudioRow, span: I64, end_span: I64) -> None:
     """Gather the surfaces of the spans ``span .. end_span`` of the selected instance.
 
     If there is not enough memory for them, the surfaces gathered before are lit first.
     """
-    fill = np.int64(COLOR)
+    fill = i64(COLOR)
     if row.mode == BENEATH:
-        fill = np.int64(COLOR_AND_ALPHA)
+        fill = i64(COLOR_AND_ALPHA)
     elif row.mode == WRITE_ALPHA:
-        fill = np.int64(ALPHA)
+        fill = i64(ALPHA)
     surfaces, starts = row.surfaces, segment.starts
-    begin, end = np.int64(starts[span]), np.int64(starts[end_span])
+    begin, end = i64(starts[span]), i64(starts[end_span])
     while begin < end:
         part_end, part_end_span = next_part(segment, span, begin, end)
         count = part_end - begin
@@ -161,19 +163,28 @@ def _gather(job, segment, row, span, end_span):
 
 
 @device_function
-def _shade_row(job, segment, row, y, ids, columns, count, instance):
+def _shade_row(
+    job: StudioInputs,
+    segment: Segment,
+    row: _StudioRow,
+    y: I64,
+    ids: Pointer[I32],
+    columns: I64,
+    count: I64,
+    instance: I64,
+) -> I64:
     """Shade the pixels of one row and blend them into its accumulated row.
 
     Args:
         ids: pointer to the primitive ids of ``count`` pixels.
-        columns: as in SEGMENT.
+        columns: as in Segment.
         instance: index of the instance that probably owns the first primitive.
 
     Returns:
         Index of the last instance, as ``instance`` for the next row.
     """
     span_count = find_spans(segment, y, columns, ids, count)
-    span = np.int64(0)
+    span = i64(0)
     while span < span_count:
         end_span, instance, is_background = next_segment(segment, span, span_count, instance)
         if not is_background:
@@ -184,54 +195,63 @@ def _shade_row(job, segment, row, y, ids, columns, count, instance):
 
 
 @inlined
-def _scale_mixed_pixels(accumulated, channel_size, mixed, count):
+def _scale_mixed_pixels(accumulated: Pointer[F32], channel_size: I64, mixed: Pointer[I32], count: I32) -> None:
     """Scale the mixed pixels of a row by the share of the samples that see the pixel's main surface.
 
     Args:
-        mixed: pointer to ``count`` values of the field ``mixed`` of ``msaa.SAMPLE_BAND``.
+        mixed: ``count`` values of the field ``mixed`` of ``msaa.SampleBand``.
     """
     for k in range(count):
-        value = np.int64(mixed[k])
-        share = np.float32((value >> 4) & 15) * np.float32(0.125)
+        value = i64(mixed[k])
+        share = f32((value >> 4) & 15) * f32(0.125)
         for c in range(4):
             accumulated[c * channel_size + (value >> 8)] *= share
 
 
 @device_function
-def _clear(values, count):
+def _clear(values: Pointer[F32], count: I64) -> None:
     """Set the first ``count`` values, a multiple of the lanes, to 0."""
     for x in range(0, count, vec.LANES):
         vec.store(values, x, vec.f32(0.0))
 
 
-@kernel("void(int64, int64, int64, int64, int64, int64, int64, int64, int64, int64)")
+@kernel
 def shade_rows(
-    mode, job_address, ids_address, band_address, stride, width, row_begin, row_end, target_address, output_address
-):  # fmt: skip
+    mode: I64,
+    job_address: Address,
+    ids_address: Address,
+    band_address: Address,
+    stride: I64,
+    width: I64,
+    row_begin: I64,
+    row_end: I64,
+    target_address: Address,
+    output_address: Address,
+) -> None:
     """Shade the rows ``row_begin .. row_end`` of a layer. Rows are independent of each other.
 
     Args:
         mode: ``ADD``, ``BENEATH``, ``EDGES`` or ``WRITE_ALPHA``.
-        job_address: address of a STUDIO_JOB.
+        job_address: address of a StudioInputs.
         ids_address: address of the primitive ids of row ``row_begin``: int32 per pixel, -1 for none. The rows are
             ``stride`` values apart.
-        band_address: address of the band's ``msaa.SAMPLE_BAND``; read only for ``EDGES``.
+        band_address: address of the band's ``msaa.SampleBand``; read only for ``EDGES``.
         target_address: address of (H, 4, channel_values(width)) float32, the accumulated rows of the image, or for
             ``WRITE_ALPHA`` of (H, channel_values(width)) float32. 0: rows are finished and written to the output.
-        output_address: address of an OUTPUT; read only without ``target_address``.
+        output_address: address of an StudioOutput; read only without ``target_address``.
     """
     channel_size = channel_values_in_kernel(width)
-    job, band, output = _job_at(job_address), sample_band_at(band_address), _output_at(output_address)
+    job, band, output = StudioInputs(job_address), SampleBand(band_address), StudioOutput(output_address)
     max_pixels = width
     if mode == EDGES:
         max_pixels = max(width, band.max_entries)
-    segment, row, surfaces = new_segment(), _new_row(), _new_surfaces()
-    begin_rows(segment, job.shading, max_pixels, new_spans(), new_pixels())
+    segment, row, surfaces = Segment(), _StudioRow(), StudioSurfaces()
+    begin_rows(segment, job.shading, max_pixels, Spans(), ShadedPixels())
     row.mode, row.channel_size, row.gathered = mode, channel_size, 0
     _clear(f32_at(address(surfaces)), _SURFACES_VALUES)  # loops overrun the gathered surfaces
     own_row, packed_row = f32_at(allocate(4 * 4 * channel_size)), i32_at(allocate(4 * channel_size))
     row.accumulated, row.surfaces, row.columns = own_row, surfaces, _new_columns()
-    instance, stop = np.int64(0), job.lighting.stop
+    instance, stop = i64(0), job.lighting.stop
     for y in range(row_begin, row_end):
         if is_set(stop):
             break
@@ -241,13 +261,13 @@ def shade_rows(
         else:
             _clear(row.accumulated, 4 * channel_size)
         ids = advance(i32_at(ids_address), band_row * stride)
-        instance = _shade_row(job, segment, row, y, ids, np.int64(0), width, instance)
+        instance = _shade_row(job, segment, row, y, ids, i64(0), width, instance)
         if mode == EDGES:
             mixed = advance(band.mixed, band_row * stride)
             _scale_mixed_pixels(row.accumulated, channel_size, mixed, band.mixed_counts[band_row])
             first_entry = band_row * band.max_entries
             ids = advance(band.entry_ids, first_entry)
-            columns, count = address(advance(band.entry_columns, first_entry)), np.int64(band.counts[band_row])
+            columns, count = address(advance(band.entry_columns, first_entry)), i64(band.counts[band_row])
             row.weights = advance(band.entry_weights, first_entry)
             instance = _shade_row(job, segment, row, y, ids, columns, count, instance)
         if target_address == 0:
@@ -257,16 +277,16 @@ def shade_rows(
     release(address(packed_row))
 
 
-@kernel("void(int64, int64, int64, int64, int64)")
-def shade_edges(shader_address, band_address, stride, row_begin, row_end):
+@kernel
+def shade_edges(shader_address: Address, band_address: Address, stride: I64, row_begin: I64, row_end: I64) -> None:
     """Shade all surfaces of a band of samples, and write its rows; see ``visibility_buffer.SampledShader``.
 
     Args:
-        shader_address: address of an EDGE_SHADER.
-        band_address: address of the band's ``msaa.SAMPLE_BAND``.
+        shader_address: address of an StudioEdgeShader.
+        band_address: address of the band's ``msaa.SampleBand``.
     """
-    shader, ids = _edge_shader_at(shader_address), address(sample_band_at(band_address).ids)
-    no_target = np.int64(0)
+    shader, ids = StudioEdgeShader(shader_address), address(SampleBand(band_address).ids)
+    no_target = i64(0)
     call_kernel(
         shader.shade_rows,
         (EDGES, shader.job, ids, band_address, stride, shader.width, row_begin, row_end, no_target, shader.output),

@@ -8,19 +8,24 @@ import numpy as np
 
 from renderers.compiler import simd as vec
 from renderers.compiler.device_function import inlined
+from renderers.compiler.kernel_types import F32, F64, I64, Pointer
+from renderers.compiler.simd import F32x8, F32x8x3, F64x8, I32x8, Mask8
+from renderers.shading.studio.layout import StudioShadowMap
 
 DEPTH_BIAS: Final = np.float32(1.0 + 1e-6)
 """Factor of a receiver's 1/z against self-shadowing, above the rounding of the map's float32."""
 
 
 @inlined
-def _transform_row(m, k, x, y, z):
+def _transform_row(m: Pointer[F64], k: I64, x: F64x8, y: F64x8, z: F64x8) -> F64x8:
     """Return the product of (x, y, z) with the three values ``k .. k + 3`` of a matrix (a pointer to float64)."""
     return vec.f64(m[k]) * x + vec.f64(m[k + 1]) * y + vec.f64(m[k + 2]) * z
 
 
 @inlined
-def _add_column(row_sum, inv_z, column, width, plane, plane_du, fu):
+def _add_column(
+    row_sum: F32x8, inv_z: F32x8, column: I64, width: I64, plane: F32x8, plane_du: F32x8, fu: F32x8
+) -> F32x8:
     """Return the sum of a filter row, plus the weight of one column where no caster is in front of the receiver.
 
     Args:
@@ -43,11 +48,21 @@ def _add_column(row_sum, inv_z, column, width, plane, plane_du, fu):
 
 
 @inlined
-def _filtered(inv_z, side, radius, first_texel, plane, plane_du, plane_dv, fu, fv):
+def _filtered(
+    inv_z: Pointer[F32],
+    side: I64,
+    radius: I64,
+    first_texel: I32x8,
+    plane: F32x8,
+    plane_du: F32x8,
+    plane_dv: F32x8,
+    fu: F32x8,
+    fv: F32x8,
+) -> F32x8:
     """Return the weighted means of the depth comparisons around eight points, 0 .. 1.
 
     Args:
-        inv_z, side: as in SHADOW_MAP.
+        inv_z, side: as in StudioShadowMap.
         radius: as in ``unshadowed_share``.
         first_texel: index of the upper left texel of the filter.
         plane, plane_du, plane_dv: 1/z of the receiver's plane at that texel, and its change per column and per row.
@@ -81,20 +96,19 @@ def _filtered(inv_z, side, radius, first_texel, plane, plane_du, plane_dv, fu, f
 
 
 @inlined
-def _is_within(u, v, radius, side):
+def _is_within(u: F64x8, v: F64x8, radius: I64, side: I64) -> Mask8:
     """Return m8: positions around which the map has all texels that the filter reads, which it reads by eights."""
     lower, upper = vec.f64(radius + 1.0), vec.f64(side - radius - 2.0)
     return (u > lower) & (u < upper) & (v > lower) & (v < upper)
 
 
 @inlined
-def unshadowed_share(shadow_map, radius, point, normal):
-    """Return the share of a light that reaches points, f32x8, 0 .. 1; 1 outside of the map.
+def unshadowed_share(shadow_map: StudioShadowMap, radius: I64, point: F32x8x3, normal: F32x8x3) -> F32x8:
+    """Return the share of a light that reaches points, 0 .. 1; 1 outside of the map.
 
     Args:
-        shadow_map: a SHADOW_MAP.
         radius: radius of the filter, texels. The filter takes (2 radius + 1)^2 bilinear samples.
-        point: points in the camera's frame, three f32x8.
+        point: points in the camera's frame.
         normal: unit normals of their triangles, towards the light, in the camera's frame.
     """
     X_light_camera = shadow_map.X_light_camera
@@ -127,7 +141,15 @@ def unshadowed_share(shadow_map, radius, point, normal):
     plane = inv_z - plane_du * (radius_f64 + fu) - plane_dv * (radius_f64 + fv)
     radius_i32 = vec.i32(radius)
     first_texel = (vec.to_i32(j) - radius_i32) * vec.i32(side) + vec.to_i32(i) - radius_i32
-    plane, plane_du, plane_dv = vec.to_f32(plane), vec.to_f32(plane_du), vec.to_f32(plane_dv)
-    fu, fv = vec.to_f32(fu), vec.to_f32(fv)
-    share = _filtered(shadow_map.inv_z, side, radius, first_texel, plane, plane_du, plane_dv, fu, fv)
+    share = _filtered(
+        shadow_map.inv_z,
+        side,
+        radius,
+        first_texel,
+        vec.to_f32(plane),
+        vec.to_f32(plane_du),
+        vec.to_f32(plane_dv),
+        vec.to_f32(fu),
+        vec.to_f32(fv),
+    )
     return vec.select(is_inside, share, vec.f32(1.0))

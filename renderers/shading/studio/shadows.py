@@ -23,7 +23,7 @@ from renderers.camera import Camera
 from renderers.compiler.pointers import address_of
 from renderers.drawlist import AlphaMode, DrawList, Instance, Light, LightKind, Topology
 from renderers.shading.depth_peeling import SolidPixels, draw_cut_outs
-from renderers.shading.studio.layout import SHADOW_MAP
+from renderers.shading.studio.layout import StudioShadowMap
 
 if TYPE_CHECKING:  # the rasterizer imports the callers of this module
     from renderers.visibility_buffer import Rasterizer, Visibility
@@ -178,11 +178,7 @@ def _is_same_view(a: Camera, b: Camera) -> bool:
 
 
 def shadow_map_of(
-    rasterizer: Rasterizer,
-    scene: DrawList,
-    camera: Camera,
-    transparent: NDArray[np.bool_],
-    solid_pixels: SolidPixels,
+    rasterizer: Rasterizer, scene: DrawList, camera: Camera, transparent: NDArray[np.bool_], solid_pixels: SolidPixels
 ) -> ShadowMap:
     """Return the map for a light's camera, from the cache if possible.
 
@@ -233,8 +229,8 @@ def render_shadow_maps(
 
 
 def shadow_map_structs(maps: Sequence[ShadowMap], camera: Camera) -> NDArray[Any]:
-    """Return an array of SHADOW_MAP, one per map and at least one. Valid while ``maps`` is alive."""
-    structs = np.zeros(max(len(maps), 1), SHADOW_MAP.dtype)
+    """Return an array of StudioShadowMap, one per map and at least one. Valid while ``maps`` is alive."""
+    structs = np.zeros(max(len(maps), 1), StudioShadowMap.dtype)
     for struct, shadow_map in zip(structs, maps, strict=False):
         light = shadow_map.camera
         struct["X_light_camera"] = (light.X_camera_world @ camera.X_world_camera)[:3].reshape(-1)

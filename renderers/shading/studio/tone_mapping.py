@@ -16,10 +16,12 @@ from renderers.color import linear_values_from_srgb
 from renderers.compiler import simd as vec
 from renderers.compiler.device_function import device_function, inlined
 from renderers.compiler.jit import kernel
+from renderers.compiler.kernel_types import F32, F64, I32, I64, Address, Pointer
 from renderers.compiler.pointers import address, advance, allocate, f32_at, i32_at, release
+from renderers.compiler.simd import F32x8, F32x8x3
 from renderers.shading.level_cells import encoded_pixels, level_cells, level_thresholds
 from renderers.shading.packed_rows import write_packed_row
-from renderers.shading.studio.layout import OUTPUT, channel_values_in_kernel
+from renderers.shading.studio.layout import StudioOutput, channel_values_in_kernel
 from renderers.shading.vec3 import broadcast3, load3, saturate
 
 TONES: Final = ("neutral", "aces", "none")
@@ -31,11 +33,9 @@ _ACES_EXPOSURE: Final = 1.0 / 0.6
 
 SRGB_CELLS: Final = level_cells(level_thresholds(linear_values_from_srgb))
 
-_output_at = OUTPUT.at
-
 
 @inlined
-def _neutral(r, g, b):
+def _neutral(r: F32x8, g: F32x8, b: F32x8) -> F32x8x3:
     """Apply Khronos' curve to linear colours. NaN becomes 0."""
     zero, one, start = vec.f32(0.0), vec.f32(1.0), vec.f32(_NEUTRAL_START)
     r, g, b = vec.maximum(r, zero), vec.maximum(g, zero), vec.maximum(b, zero)
@@ -57,18 +57,18 @@ def _neutral(r, g, b):
 
 
 @inlined
-def _matrix_row(a, b, c, x, y, z):
+def _matrix_row(a: F64, b: F64, c: F64, x: F32x8, y: F32x8, z: F32x8) -> F32x8:
     return vec.f32(a) * x + vec.f32(b) * y + vec.f32(c) * z
 
 
 @inlined
-def _aces_channel(v):
+def _aces_channel(v: F32x8) -> F32x8:
     numerator = v * (v + vec.f32(0.0245786)) - vec.f32(0.000090537)
     return numerator / (v * (vec.f32(0.983729) * v + vec.f32(0.4329510)) + vec.f32(0.238081))
 
 
 @inlined
-def _aces(r, g, b):
+def _aces(r: F32x8, g: F32x8, b: F32x8) -> F32x8x3:
     """Apply Hill's fit to linear colours. NaN becomes 0."""
     # From 1e6 on, the curve is white to the last digit. The squares of much larger values would overflow.
     zero, limit, exposure = vec.f32(0.0), vec.f32(1e6), vec.f32(_ACES_EXPOSURE)
@@ -86,13 +86,13 @@ def _aces(r, g, b):
 
 
 @inlined
-def _saturate3(r, g, b):
+def _saturate3(r: F32x8, g: F32x8, b: F32x8) -> F32x8x3:
     return saturate(r), saturate(g), saturate(b)
 
 
 @inlined
-def tone_map(tone, r, g, b):
-    """Apply the tone curve ``TONES[tone]`` to linear colours (f32x8 each)."""
+def tone_map(tone: I64, r: F32x8, g: F32x8, b: F32x8) -> F32x8x3:
+    """Apply the tone curve ``TONES[tone]`` to linear colours."""
     if tone == 0:
         return _neutral(r, g, b)
     if tone == 1:
@@ -101,13 +101,14 @@ def tone_map(tone, r, g, b):
 
 
 @device_function
-def write_image_row(accumulated, output, y, width, packed_row):
+def write_image_row(
+    accumulated: Pointer[F32], output: StudioOutput, y: I64, width: I64, packed_row: Pointer[I32]
+) -> None:
     """Blend a row of surfaces over the background, and write row ``y`` of the image, encoded as sRGB.
 
     Args:
         accumulated: pointer to an accumulated row, see ``shade_rows``.
-        output: an OUTPUT.
-        packed_row: pointer to working memory for channel_values(width) int32.
+        packed_row: pointer to working memory for channel_values(width).
     """
     channel_size = channel_values_in_kernel(width)
     zero, one, min_share = vec.f32(0.0), vec.f32(1.0), vec.f32(1e-6)
@@ -126,15 +127,17 @@ def write_image_row(accumulated, output, y, width, packed_row):
     write_packed_row(advance(output.color, 3 * y * width), packed_row, width)
 
 
-@kernel("void(int64, int64, int64, int64, int64)")
-def write_image_rows(accumulated_address, output_address, width, row_begin, row_end):
+@kernel
+def write_image_rows(
+    accumulated_address: Address, output_address: Address, width: I64, row_begin: I64, row_end: I64
+) -> None:
     """Call ``write_image_row`` for the rows ``row_begin .. row_end``.
 
     Args:
         accumulated_address: address of (H, 4, channel_values(width)) float32, the accumulated rows of the image.
-        output_address: address of an OUTPUT.
+        output_address: address of an StudioOutput.
     """
-    channel_size, output = channel_values_in_kernel(width), _output_at(output_address)
+    channel_size, output = channel_values_in_kernel(width), StudioOutput(output_address)
     packed_row = i32_at(allocate(4 * channel_size))
     for y in range(row_begin, row_end):
         write_image_row(advance(f32_at(accumulated_address), 4 * y * channel_size), output, y, width, packed_row)

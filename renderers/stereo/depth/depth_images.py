@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from renderers.compiler.jit import kernel
+from renderers.compiler.kernel_types import F32, Array2, f32, i32
 
 OCCLUSION_STEP: Final = 1.0
 """Disparity difference in pixels from which a nearer surface in the right image occludes a point: the tolerance of the
@@ -56,30 +57,36 @@ def true_disparity(
         image, or outside it (left edge of the field of view).
     """
     disparity = np.empty(depth_left.shape, np.float32)
-    min_depth, max_depth = np.float32(limits.min_depth), np.float32(limits.max_depth)
-    _true_disparity(depth_left, depth_right, np.float32(focal_times_baseline), min_depth, max_depth, disparity)
+    _true_disparity(depth_left, depth_right, focal_times_baseline, limits.min_depth, limits.max_depth, disparity)
     return disparity
 
 
-@kernel("void(float32[:,::1], float32[:,::1], float32, float32, float32, float32[:,::1])")
-def _true_disparity(depth_left, depth_right, focal_times_baseline, min_depth, max_depth, disparity):
-    """Write the disparity of every pixel to ``disparity``, (H, W) float32; see ``true_disparity``."""
+@kernel
+def _true_disparity(
+    depth_left: Array2[np.float32],
+    depth_right: Array2[np.float32],
+    focal_times_baseline: F32,
+    min_depth: F32,
+    max_depth: F32,
+    disparity: Array2[np.float32],
+) -> None:
+    """Write the disparity of every pixel to ``disparity``, (H, W); see ``true_disparity``."""
     height, width = depth_left.shape
     for row in range(height):
         for column in range(width):
             z = depth_left[row, column]
-            pixels = np.float32(0.0)
+            pixels = f32(0.0)
             if min_depth <= z <= max_depth:
                 pixels = focal_times_baseline / z
-                x_right = np.float32(column) - pixels  # whole numbers are the centres of pixels
-                if x_right < np.float32(-0.5):
-                    pixels = np.float32(0.0)
+                x_right = f32(column) - pixels  # whole numbers are the centres of pixels
+                if x_right < f32(-0.5):
+                    pixels = f32(0.0)
                 else:
                     left_column = max(int(np.floor(x_right)), 0)
                     # If one of the two pixels is background (+inf), nothing occludes the point.
                     farther = max(depth_right[row, left_column], depth_right[row, min(left_column + 1, width - 1)])
-                    if focal_times_baseline / farther > pixels + np.float32(OCCLUSION_STEP):
-                        pixels = np.float32(0.0)
+                    if focal_times_baseline / farther > pixels + f32(OCCLUSION_STEP):
+                        pixels = f32(0.0)
             disparity[row, column] = pixels
 
 
@@ -101,11 +108,11 @@ def sixteenths(disparity: NDArray[np.float32]) -> NDArray[np.uint16]:
     return units
 
 
-@kernel("void(float32[:,::1], uint16[:,::1])")
-def _write_sixteenths(disparity, units):
+@kernel
+def _write_sixteenths(disparity: Array2[np.float32], units: Array2[np.uint16]) -> None:
     """Write ``sixteenths``."""
     for row in range(disparity.shape[0]):
         for column in range(disparity.shape[1]):
-            value = disparity[row, column] * np.float32(16.0) + np.float32(0.5)
-            smallest = np.int32(disparity[row, column] > np.float32(0.0))
-            units[row, column] = max(np.int32(min(value, np.float32(65535.0))), smallest)
+            value = disparity[row, column] * f32(16.0) + f32(0.5)
+            smallest = i32(disparity[row, column] > f32(0.0))
+            units[row, column] = max(i32(min(value, f32(65535.0))), smallest)

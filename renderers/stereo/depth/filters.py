@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from renderers.compiler.device_function import device_function, inlined
 from renderers.compiler.jit import kernel
+from renderers.compiler.kernel_types import F64, I64, U16, Array1, Array2, i32
 from renderers.stereo.depth.depth_images import DepthImages, DepthRange
 from renderers.stereo.model import DISPARITY_SCALE, StereoModel
 
@@ -84,10 +85,17 @@ def apply_filters(depth: DepthImages, filters: Filters, focal_times_baseline: fl
         fill_holes(depth, filters.fill)
 
 
-@kernel("void(uint16[:,::1], uint8[:,::1], uint8[:,::1], int64, int64, int64, float64, float64)")
+@kernel
 def _apply_limits(
-    disparity, error, confidence, min_confidence, min_disparity, max_disparity, depth_error_factor, max_depth_error
-):
+    disparity: Array2[np.uint16],
+    error: Array2[np.uint8],
+    confidence: Array2[np.uint8],
+    min_confidence: I64,
+    min_disparity: I64,
+    max_disparity: I64,
+    depth_error_factor: F64,
+    max_depth_error: F64,
+) -> None:
     """Remove pixels beyond the limits; disparities and their limits are in units of 1/16 pixel.
 
     The depth error in metres is ``depth_error_factor * error / disparity^2``, with error and disparity in the units of
@@ -143,13 +151,13 @@ def _connected_runs(disparity: NDArray[np.uint16], max_step: int) -> NDArray[np.
 
 
 @inlined
-def _is_connected(one, other, max_step):
+def _is_connected(one: U16, other: U16, max_step: I64) -> bool:
     """Return True for two neighbours that are both holes, or valid with a step of at most ``max_step``."""
-    return (one == 0) == (other == 0) and abs(np.int32(one) - np.int32(other)) <= max_step
+    return (one == 0) == (other == 0) and abs(i32(one) - i32(other)) <= max_step
 
 
 @device_function
-def _first_run(runs, run):
+def _first_run(runs: Array2[np.int32], run: I64) -> I64:
     """Return the first run that is known to be connected to a run, and shorten the path to it."""
     while runs[run, _FIRST] != run:
         runs[run, _FIRST] = runs[runs[run, _FIRST], _FIRST]
@@ -157,8 +165,8 @@ def _first_run(runs, run):
     return run
 
 
-@kernel("int64(uint16[:,::1], int64, int32[:,::1])")
-def _find_runs(disparity, max_step, runs):
+@kernel
+def _find_runs(disparity: Array2[np.uint16], max_step: I64, runs: Array2[np.int32]) -> I64:
     """Write ``_connected_runs`` and return their number."""
     height, width = disparity.shape
     # Flags of the columns at which a run of the row ends. Eight of them are skipped at once if none is set.
@@ -191,7 +199,7 @@ def _find_runs(disparity, max_step, runs):
 
 
 @device_function
-def _join(disparity, max_step, runs, above, below):
+def _join(disparity: Array2[np.uint16], max_step: I64, runs: Array2[np.int32], above: I64, below: I64) -> None:
     """Connect two runs of successive rows if neighbours are connected where they overlap."""
     row = runs[below, _ROW]
     for column in range(max(runs[above, _START], runs[below, _START]), min(runs[above, _END], runs[below, _END])):
@@ -201,8 +209,14 @@ def _join(disparity, max_step, runs, above, below):
             return
 
 
-@kernel("void(int32[:,::1], int64, uint16[:,::1], uint8[:,::1], uint8[:,::1])")
-def _remove_small(runs, min_size, disparity, error, confidence):
+@kernel
+def _remove_small(
+    runs: Array2[np.int32],
+    min_size: I64,
+    disparity: Array2[np.uint16],
+    error: Array2[np.uint8],
+    confidence: Array2[np.uint8],
+) -> None:
     """Remove the segments of fewer than ``min_size`` pixels; ``runs``: ``_connected_runs``."""
     size = np.zeros(len(runs), np.int32)
     for run in range(len(runs)):
@@ -214,16 +228,22 @@ def _remove_small(runs, min_size, disparity, error, confidence):
                 disparity[row, column], error[row, column], confidence[row, column] = 0, 0, 0
 
 
-@kernel("void(int32[:,::1], uint16[:,::1], int32[::1], int32[::1], int32[::1])")
-def _measure_holes(runs, disparity, size, lowest, highest):
+@kernel
+def _measure_holes(
+    runs: Array2[np.int32],
+    disparity: Array2[np.uint16],
+    size: Array1[np.int32],
+    lowest: Array1[np.int32],
+    highest: Array1[np.int32],
+) -> None:
     """Write the size of every hole, pixels, and the range of the disparities on its border, units of 1/16 pixel.
 
     Args:
-        runs: (N, 4) int32, ``_connected_runs``.
-        disparity: (H, W) uint16, units of 1/16 pixel, 0: hole.
-        size: (N,) int32, output by first run, initially 0.
-        lowest: (N,) int32, output, initially above all disparities.
-        highest: (N,) int32, output, initially -1.
+        runs: (N, 4), ``_connected_runs``.
+        disparity: (H, W), units of 1/16 pixel, 0: hole.
+        size: (N,), output by first run, initially 0.
+        lowest: (N,), output, initially above all disparities.
+        highest: (N,), output, initially -1.
     """
     height, width = disparity.shape
     for run in range(len(runs)):
@@ -244,8 +264,14 @@ def _measure_holes(runs, disparity, size, lowest, highest):
         lowest[hole], highest[hole] = low, high
 
 
-@kernel("void(int32[:,::1], boolean[::1], uint16[:,::1], uint8[:,::1], uint8[:,::1])")
-def _fill_runs(runs, is_filled, disparity, error, confidence):
+@kernel
+def _fill_runs(
+    runs: Array2[np.int32],
+    is_filled: Array1[np.bool_],
+    disparity: Array2[np.uint16],
+    error: Array2[np.uint8],
+    confidence: Array2[np.uint8],
+) -> None:
     """Fill the runs of the holes with ``is_filled[first run]`` linearly between the valid pixels left and right.
 
     Those pixels exist, because holes at the edge of the image are not filled.

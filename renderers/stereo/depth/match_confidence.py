@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 
 from renderers.compiler.device_function import inlined
 from renderers.compiler.jit import kernel
+from renderers.compiler.kernel_types import F32, F64, I64, Array1, Array2, Array3, Number, f32, i32, i64, u8
 from renderers.stereo.depth.residual_shift import without_local_mean
 
 FILE: Final = Path(__file__).with_suffix(".json")
@@ -126,8 +127,8 @@ def match_features(
         _box_sum(squared, _WINDOW), _box_sum(squared, _WIDE_WINDOW),
         _box_sum(even, _WIDE_WINDOW),
         _box_sum((disparity > 0).astype(np.uint8), _MEDIUM_WINDOW),
-        *(_box_sum(difference, _WINDOW) for difference in differences),
-        *(_box_sum(values, _WINDOW) for values in (gradient, size)),
+        _box_sum(differences[0], _WINDOW), _box_sum(differences[1], _WINDOW), _box_sum(differences[2], _WINDOW),
+        _box_sum(gradient, _WINDOW), _box_sum(size, _WINDOW),
         np.asarray(nearest, np.uint16), np.asarray(farthest, np.uint16), float(noise_sigma), features,
     )  # fmt: skip
     return features
@@ -167,58 +168,67 @@ def _box_sum(values: NDArray[Any], side: int) -> NDArray[np.int32]:
 
 
 @inlined
-def _difference(left, right, column, units, width):
+def _difference(left: Array1[np.uint16], right: Array1[np.uint16], column: I64, units: I64, width: I64) -> I64:
     """Return the difference of the left image at a column from the right image at a disparity, 1/16 level.
 
     It is at most white, so that sums of its squares over a window fit into 32 bits.
     """
     position = min(max(column * 16 - units, 0), (width - 1) * 16)
     whole, fraction = position >> 4, position & 15
-    level = np.int32(right[whole]) * (16 - fraction) + np.int32(right[min(whole + 1, width - 1)]) * fraction
-    difference = np.int32(left[column]) - np.int32((level + 8) >> 4)
-    return min(max(difference, np.int32(-_WHITE)), np.int32(_WHITE))
+    level = i32(right[whole]) * (16 - fraction) + i32(right[min(whole + 1, width - 1)]) * fraction
+    difference = i32(left[column]) - i32((level + 8) >> 4)
+    return min(max(difference, i32(-_WHITE)), i32(_WHITE))
 
 
-@kernel("void(uint16[:,::1], int64, int16[:,::1], int16[:,::1], int32[:,::1], int32[:,::1])")
-def _gradients(left, even_limit, gradient, size, squared, even):
+@kernel
+def _gradients(
+    left: Array2[np.uint16],
+    even_limit: I64,
+    gradient: Array2[np.int16],
+    size: Array2[np.int16],
+    squared: Array2[np.int32],
+    even: Array2[np.int32],
+) -> None:
     """Write the differences of each pixel's right and left neighbours, 0 in the first and the last column.
 
     Args:
-        left: (H, W) uint16, units of 1/16 level.
+        left: (H, W), units of 1/16 level.
         even_limit: limit of ``even``.
-        gradient: (H, W) int16, output, units of 1/16 level.
-        size: (H, W) int16, output, absolute value.
-        squared: (H, W) int32, output, square, at most ``_MAX_SQUARE``.
-        even: (H, W) int32, output, square, at most ``even_limit``.
+        gradient: (H, W), output, units of 1/16 level.
+        size: (H, W), output, absolute value.
+        squared: (H, W), output, square, at most ``_MAX_SQUARE``.
+        even: (H, W), output, square, at most ``even_limit``.
     """
     height, width = left.shape
     for row in range(height):
         levels = left[row]
         for column in range(width):
             inside = 0 < column < width - 1
-            value = np.int32(levels[column + 1]) - np.int32(levels[column - 1]) if inside else np.int32(0)
-            square = min(value * value, np.int32(_MAX_SQUARE))
+            value = i32(levels[column + 1]) - i32(levels[column - 1]) if inside else i32(0)
+            square = min(value * value, i32(_MAX_SQUARE))
             gradient[row, column], size[row, column] = value, abs(value)
-            squared[row, column], even[row, column] = square, min(square, np.int32(even_limit))
+            squared[row, column], even[row, column] = square, min(square, i32(even_limit))
 
 
-@kernel("void(uint16[:,::1], uint16[:,::1], uint16[:,::1], int32[:,:,::1])")
-def _compare(left, right, disparity, differences):
+@kernel
+def _compare(
+    left: Array2[np.uint16], right: Array2[np.uint16], disparity: Array2[np.uint16], differences: Array3[np.int32]
+) -> None:
     """Write the squared differences of both images at each match and beside it.
 
     Args:
-        left: (H, W) uint16, ``without_local_mean``, units of 1/16 level.
-        right: (H, W) uint16, likewise.
-        disparity: (H, W) uint16, units of 1/16 pixel, 0: no match.
-        differences: (3, H, W) int32, output: at the match, and at ``_STEP`` pixels less and more; 0 where there is no
+        left: (H, W), ``without_local_mean``, units of 1/16 level.
+        right: (H, W), likewise.
+        disparity: (H, W), units of 1/16 pixel, 0: no match.
+        differences: (3, H, W), output: at the match, and at ``_STEP`` pixels less and more; 0 where there is no
             match.
     """
     height, width = left.shape
     for row in range(height):
         left_row, right_row = left[row], right[row]
         for column in range(width):
-            units = np.int32(disparity[row, column])
-            here, nearer, farther = np.int32(0), np.int32(0), np.int32(0)
+            units = i32(disparity[row, column])
+            here, nearer, farther = i32(0), i32(0), i32(0)
             if units > 0:
                 here = _difference(left_row, right_row, column, units, width)
                 farther = _difference(left_row, right_row, column, units - 16 * _STEP, width)
@@ -229,77 +239,98 @@ def _compare(left, right, disparity, differences):
 
 
 @inlined
-def _texture(square_sum, scale):
+def _texture(square_sum: Number, scale: F32) -> F32:
     """Return the root mean square of the gradient beyond the noise, relative to the noise, from a sum of squares."""
     # The gradient is half the difference of two pixels: noise adds half its variance.
-    return np.sqrt(max(np.float32(square_sum) * scale - np.float32(0.5), np.float32(0.0)))
+    return np.sqrt(max(f32(square_sum) * scale - f32(0.5), f32(0.0)))
 
 
-@kernel(
-    "void(float32[:,::1], int32[:,::1], int32[:,::1], int32[:,::1], int32[:,::1], int32[:,::1], int32[:,::1], "
-    "int32[:,::1], int32[:,::1], int32[:,::1], uint16[:,::1], uint16[:,::1], float64, float32[:,:,::1])"
-)
+@kernel
 def _write_features(
-    least_squares, squares, wide_squares, even_squares, medium_counts, here, farther, nearer, gradients, sizes, nearest,
-    farthest, noise_sigma, features,
-):  # fmt: skip
+    least_squares: Array2[np.float32],
+    squares: Array2[np.int32],
+    wide_squares: Array2[np.int32],
+    even_squares: Array2[np.int32],
+    medium_counts: Array2[np.int32],
+    here: Array2[np.int32],
+    farther: Array2[np.int32],
+    nearer: Array2[np.int32],
+    gradients: Array2[np.int32],
+    sizes: Array2[np.int32],
+    nearest: Array2[np.uint16],
+    farthest: Array2[np.uint16],
+    noise_sigma: F64,
+    features: Array3[np.float32],
+) -> None:
     """Write the ``FEATURES`` from sums over windows, (H, W) each, and the range of their disparities."""
     height, width = medium_counts.shape
-    sigma = np.float32(noise_sigma)
-    noise = np.float32(16 * _WINDOW) * sigma  # root of its sum of squares over a window, 1/16 level
-    window, medium_pixels = np.float32(2 * _WINDOW), np.float32(_MEDIUM_WINDOW**2)
+    sigma = f32(noise_sigma)
+    noise = f32(16 * _WINDOW) * sigma  # root of its sum of squares over a window, 1/16 level
+    window, medium_pixels = f32(2 * _WINDOW), f32(_MEDIUM_WINDOW**2)
     # Squared gradients, in squared units of 1/32 level, relative to the variance of the noise.
-    scale = np.float32(1.0 / (32.0 * noise_sigma) ** 2)
-    small_scale, window_scale = scale / np.float32(_SMALL_WINDOW**2), scale / np.float32(_WINDOW**2)
-    wide_scale = scale / np.float32(_WIDE_WINDOW**2)
+    scale = f32(1.0 / (32.0 * noise_sigma) ** 2)
+    small_scale, window_scale = scale / f32(_SMALL_WINDOW**2), scale / f32(_WINDOW**2)
+    wide_scale = scale / f32(_WIDE_WINDOW**2)
     for row in range(height):
         for column in range(width):
             features[0, row, column] = _texture(least_squares[row, column], small_scale)
             features[1, row, column] = _texture(squares[row, column], window_scale)
             features[2, row, column] = _texture(wide_squares[row, column], wide_scale)
             features[3, row, column] = _texture(even_squares[row, column], wide_scale)
-            difference, size = np.sqrt(np.float32(here[row, column])), np.float32(sizes[row, column])
-            beside = np.sqrt(np.float32(min(nearer[row, column], farther[row, column])))
+            difference, size = np.sqrt(f32(here[row, column])), f32(sizes[row, column])
+            beside = np.sqrt(f32(min(nearer[row, column], farther[row, column])))
             # The mean gradient is size / (2 pixels), the root mean square difference is 2 difference / window.
             features[4, row, column] = difference * window / (size + window * noise)
             features[5, row, column] = (beside - difference) / (difference + noise)
-            features[6, row, column] = np.float32(medium_counts[row, column]) / medium_pixels
-            features[7, row, column] = np.float32(nearest[row, column] - farthest[row, column]) / np.float32(16.0)
-            features[8, row, column] = np.float32(abs(gradients[row, column])) / (
-                size + np.float32(0.3) * window * noise
-            )
+            features[6, row, column] = f32(medium_counts[row, column]) / medium_pixels
+            features[7, row, column] = f32(nearest[row, column] - farthest[row, column]) / f32(16.0)
+            features[8, row, column] = f32(abs(gradients[row, column])) / (size + f32(0.3) * window * noise)
 
 
-@kernel("void(float32[:,:,::1], uint16[:,::1], float32[:,::1], uint8[:,:,::1], uint8[:,::1])")
-def _write_error(features, disparity, borders, errors, error):
+@kernel
+def _write_error(
+    features: Array3[np.float32],
+    disparity: Array2[np.uint16],
+    borders: Array2[np.float32],
+    errors: Array3[np.uint8],
+    error: Array2[np.uint8],
+) -> None:
     """Write the error of each match, 0 elsewhere, by the features and disparities of ``error_and_confidence``.
 
     Args:
-        borders: (3, 5) float32, borders between the bins.
-        errors: (6, 6, 6) uint8, error by the three bins.
-        error: (H, W) uint8, output.
+        borders: (3, 5), borders between the bins.
+        errors: (6, 6, 6), error by the three bins.
+        error: (H, W), output.
     """
     height, width = disparity.shape
     for row in range(height):
         for column in range(width):
-            first, second, third = np.int64(0), np.int64(0), np.int64(0)
+            first, second, third = i64(0), i64(0), i64(0)
             for border in range(borders.shape[1]):
-                first += np.int64(features[_FIRST, row, column] >= borders[0, border])
-                second += np.int64(features[_SECOND, row, column] >= borders[1, border])
-                third += np.int64(features[_THIRD, row, column] >= borders[2, border])
-            error[row, column] = errors[first, second, third] if disparity[row, column] > 0 else np.uint8(0)
+                first += i64(features[_FIRST, row, column] >= borders[0, border])
+                second += i64(features[_SECOND, row, column] >= borders[1, border])
+                third += i64(features[_THIRD, row, column] >= borders[2, border])
+            error[row, column] = errors[first, second, third] if disparity[row, column] > 0 else u8(0)
 
 
-@kernel("void(float32[:,:,::1], uint16[:,::1], int64[:,::1], float32[:,::1], int32[:,::1], uint8[::1], uint8[:,::1])")
-def _write_confidence(features, disparity, tree_features, tree_borders, weights, confidences, confidence):
+@kernel
+def _write_confidence(
+    features: Array3[np.float32],
+    disparity: Array2[np.uint16],
+    tree_features: Array2[np.int64],
+    tree_borders: Array2[np.float32],
+    weights: Array2[np.int32],
+    confidences: Array1[np.uint8],
+    confidence: Array2[np.uint8],
+) -> None:
     """Write the confidence of each match, 0 elsewhere, by the features and disparities of ``error_and_confidence``.
 
     Args:
-        tree_features: (T, ``TREE_DEPTH``) int64, ``Tables.features``.
-        tree_borders: (T, ``TREE_DEPTH``) float32, ``Tables.borders``.
-        weights: (T, 2 ** ``TREE_DEPTH``) int32, ``Tables.weights``.
-        confidences: (2 ``_MAX_SUM`` + 1,) uint8, confidence of each sum of weights.
-        confidence: (H, W) uint8, output.
+        tree_features: (T, ``TREE_DEPTH``), ``Tables.features``.
+        tree_borders: (T, ``TREE_DEPTH``), ``Tables.borders``.
+        weights: (T, 2 ** ``TREE_DEPTH``), ``Tables.weights``.
+        confidences: (2 ``_MAX_SUM`` + 1,), confidence of each sum of weights.
+        confidence: (H, W), output.
     """
     height, width = disparity.shape
     total, leaf = np.empty(width, np.int32), np.empty(width, np.int32)
@@ -310,9 +341,9 @@ def _write_confidence(features, disparity, tree_features, tree_borders, weights,
             for level in range(TREE_DEPTH):
                 values, border = features[tree_features[tree, level], row], tree_borders[tree, level]
                 for column in range(width):
-                    leaf[column] = (leaf[column] << 1) | np.int32(values[column] >= border)
+                    leaf[column] = (leaf[column] << 1) | i32(values[column] >= border)
             for column in range(width):
                 total[column] += weights[tree, leaf[column]]
         for column in range(width):
             value = confidences[min(max(total[column], -_MAX_SUM), _MAX_SUM) + _MAX_SUM]
-            confidence[row, column] = value if disparity[row, column] > 0 else np.uint8(0)
+            confidence[row, column] = value if disparity[row, column] > 0 else u8(0)

@@ -14,11 +14,7 @@ from numpy.typing import NDArray
 
 from renderers.stereo.depth.depth_images import DepthImages
 from renderers.stereo.depth.image_pair import grey_levels
-from renderers.stereo.depth.match_confidence import (
-    error_and_confidence,
-    match_features,
-    with_texture,
-)
+from renderers.stereo.depth.match_confidence import error_and_confidence, match_features, with_texture
 from renderers.stereo.depth.residual_shift import residual_shift, without_local_mean
 from renderers.stereo.model import DISPARITY_SCALE
 

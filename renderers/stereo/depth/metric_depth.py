@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from renderers.compiler.jit import kernel
+from renderers.compiler.kernel_types import Array1, Array2
 from renderers.stereo.lens.color_camera import ColorCamera
 from renderers.stereo.model import DISPARITY_SCALE, Intrinsics
 
@@ -51,16 +52,18 @@ def align_depth(depth: NDArray[np.uint16], k: Intrinsics, camera: ColorCamera) -
     return aligned
 
 
-@kernel("void(uint16[:,::1], float64[:,::1], float64[::1], uint16[:,::1])")
-def _splat(depth, matrix, offset, aligned):
+@kernel
+def _splat(
+    depth: Array2[np.uint16], matrix: Array2[np.float64], offset: Array1[np.float64], aligned: Array2[np.uint16]
+) -> None:
     """Write the nearest depth at every pixel of the colour camera.
 
     Args:
-        depth: (h, w) uint16, millimetres, 0: invalid.
-        matrix: (3, 3) float64; its product with (column, row, 1) times depth, plus ``offset``, are homogeneous pixel
+        depth: (h, w), millimetres, 0: invalid.
+        matrix: (3, 3); its product with (column, row, 1) times depth, plus ``offset``, are homogeneous pixel
             coordinates in the colour camera, of which the last is the depth there, millimetres.
-        offset: (3,) float64, millimetres.
-        aligned: (H, W) uint16, output, initially 0.
+        offset: (3,), millimetres.
+        aligned: (H, W), output, initially 0.
     """
     height, width = aligned.shape
     for row in range(depth.shape[0]):

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from renderers.compiler.device_function import device_function, inlined
 from renderers.compiler.jit import kernel
+from renderers.compiler.kernel_types import F64, I64, Array1, Array2, Array3, f32, i32
 
 PRIOR_SHIFT: Final = 0.2
 """Standard deviation of the shift before the images are compared, pixels: that of a matcher's errors. It decides how
@@ -65,11 +66,7 @@ def without_local_mean(image: NDArray[np.uint16]) -> NDArray[np.uint16]:
 
 
 def residual_shift(
-    left: NDArray[np.uint16],
-    right: NDArray[np.uint16],
-    disparity: NDArray[np.float32],
-    radius: int,
-    noise_sigma: float,
+    left: NDArray[np.uint16], right: NDArray[np.uint16], disparity: NDArray[np.float32], radius: int, noise_sigma: float
 ) -> NDArray[np.float32]:
     """Return the shift to add to each disparity, (H, W) float32, pixels; 0 where the disparity is unknown.
 
@@ -87,16 +84,24 @@ def residual_shift(
     return shift
 
 
-@kernel("void(uint16[:,::1], uint16[:,::1], float32[:,::1], int64, float64, int32[:,::1], float32[:,::1])")
-def _residual_shift(left, right, disparity, radius, prior, weights, shift):
+@kernel
+def _residual_shift(
+    left: Array2[np.uint16],
+    right: Array2[np.uint16],
+    disparity: Array2[np.float32],
+    radius: I64,
+    prior: F64,
+    weights: Array2[np.int32],
+    shift: Array2[np.float32],
+) -> None:
     """Write the result of ``residual_shift``, whose arguments these are.
 
     All sums are of integers: their results do not depend on the order.
 
     Args:
         prior: weight of a shift of 0 per pixel of the window, squared units of the gradient.
-        weights: (``PHASES``, 4) int32, ``_interpolation_weights``.
-        shift: (H, W) float32, output, pixels.
+        weights: (``PHASES``, 4), ``_interpolation_weights``.
+        shift: (H, W), output, pixels.
     """
     height, width = left.shape
     window = 2 * radius + 1
@@ -114,12 +119,21 @@ def _residual_shift(left, right, disparity, radius, prior, weights, shift):
 
 
 @device_function
-def _replace_row(left, right, disparity, row, radius, weights, ring, sums):
+def _replace_row(
+    left: Array2[np.uint16],
+    right: Array2[np.uint16],
+    disparity: Array2[np.float32],
+    row: I64,
+    radius: I64,
+    weights: Array2[np.int32],
+    ring: Array3[np.int32],
+    sums: Array2[np.int32],
+) -> None:
     """Replace the oldest row of the ring by a row of the images, or by 0 below them.
 
     Args:
-        ring: (2 ``radius`` + 1, 3, W + 2 ``radius``) int32, products, squares and counts of the last rows.
-        sums: (3, W + 2 ``radius``) int32, their sums down each column.
+        ring: (2 ``radius`` + 1, 3, W + 2 ``radius``), products, squares and counts of the last rows.
+        sums: (3, W + 2 ``radius``), their sums down each column.
     """
     oldest = ring[row % len(ring)]
     product, square, count = oldest[0], oldest[1], oldest[2]
@@ -138,20 +152,27 @@ def _replace_row(left, right, disparity, row, radius, weights, ring, sums):
 
 
 @inlined
-def _write_row(disparity, prior, window, sums, window_sums, shift):
+def _write_row(
+    disparity: Array1[np.float32],
+    prior: F64,
+    window: I64,
+    sums: Array2[np.int32],
+    window_sums: Array2[np.int32],
+    shift: Array1[np.float32],
+) -> None:
     """Write the shift of the pixels of one row from the sums down the columns of their windows.
 
     Args:
-        disparity: (W,) float32, pixels, 0: unknown.
+        disparity: (W,), pixels, 0: unknown.
         prior: weight of a shift of 0 per pixel of the window, squared units of the gradient.
         window: side of a window, pixels.
-        sums: (3, W + ``window`` - 1) int32: gradient times difference, squared gradient, pixels with a known disparity.
-        window_sums: (3, W) int32, working memory: the sums over windows.
-        shift: (W,) float32, output, pixels.
+        sums: (3, W + ``window`` - 1): gradient times difference, squared gradient, pixels with a known disparity.
+        window_sums: (3, W), working memory: the sums over windows.
+        shift: (W,), output, pixels.
     """
     product_sums, square_sums, count_sums = sums[0], sums[1], sums[2]
     products, squares, counts = window_sums[0], window_sums[1], window_sums[2]
-    product_sum, square_sum, pixels = np.int32(0), np.int32(0), np.int32(0)
+    product_sum, square_sum, pixels = i32(0), i32(0), i32(0)
     for x in range(window - 1):
         product_sum += product_sums[x]
         square_sum += square_sums[x]
@@ -166,38 +187,47 @@ def _write_row(disparity, prior, window, sums, window_sums, shift):
         pixels -= count_sums[column]
     # A loop of its own, so that the compiler uses vector instructions: half the time of this function.
     for column in range(len(disparity)):
-        prior_sum = np.float32(prior) * np.float32(max(counts[column], np.int32(1)))
+        prior_sum = f32(prior) * f32(max(counts[column], i32(1)))
         # Differences have units of 1/16 level, gradients of 1/32 level per pixel.
-        value = np.float32(-2.0) * np.float32(products[column])
-        value /= np.float32(squares[column]) + prior_sum
-        shift[column] = value if disparity[column] > np.float32(0.0) else np.float32(0.0)
+        value = f32(-2.0) * f32(products[column])
+        value /= f32(squares[column]) + prior_sum
+        shift[column] = value if disparity[column] > f32(0.0) else f32(0.0)
 
 
 @device_function
-def _multiply_rows(left, right, disparity, radius, weights, product, square, count):
+def _multiply_rows(
+    left: Array1[np.uint16],
+    right: Array1[np.uint16],
+    disparity: Array1[np.float32],
+    radius: I64,
+    weights: Array2[np.int32],
+    product: Array1[np.int32],
+    square: Array1[np.int32],
+    count: Array1[np.int32],
+) -> None:
     """Write the products of gradient and difference of one row, with ``radius`` columns of padding.
 
     Args:
-        left: (W,) uint16, units of 1/16 level.
-        right: (W,) uint16, likewise.
-        disparity: (W,) float32, pixels, 0: unknown.
+        left: (W,), units of 1/16 level.
+        right: (W,), likewise.
+        disparity: (W,), pixels, 0: unknown.
         radius: columns of padding on each side.
-        weights: (``PHASES``, 4) int32, ``_interpolation_weights``.
-        product: (W + 2 ``radius``,) int32, output, gradient times difference.
-        square: (W + 2 ``radius``,) int32, output, squared gradient.
-        count: (W + 2 ``radius``,) int32, output, 1 where the disparity is known.
+        weights: (``PHASES``, 4), ``_interpolation_weights``.
+        product: (W + 2 ``radius``,), output, gradient times difference.
+        square: (W + 2 ``radius``,), output, squared gradient.
+        count: (W + 2 ``radius``,), output, 1 where the disparity is known.
     """
     last = len(left) - 1
     for column in range(len(left)):
-        position = column * PHASES - int(disparity[column] * np.float32(PHASES) + np.float32(0.5))
-        if disparity[column] <= np.float32(0.0) or position < 0:
+        position = column * PHASES - int(disparity[column] * f32(PHASES) + f32(0.5))
+        if disparity[column] <= f32(0.0) or position < 0:
             continue
         whole, weight = position // PHASES, weights[position & (PHASES - 1)]
-        level = weight[0] * np.int32(right[max(whole - 1, 0)]) + weight[1] * np.int32(right[whole])
-        level += weight[2] * np.int32(right[min(whole + 1, last)]) + weight[3] * np.int32(right[min(whole + 2, last)])
-        difference = np.int32(left[column]) - (level + (1 << (_WEIGHT_BITS - 1)) >> _WEIGHT_BITS)
+        level = weight[0] * i32(right[max(whole - 1, 0)]) + weight[1] * i32(right[whole])
+        level += weight[2] * i32(right[min(whole + 1, last)]) + weight[3] * i32(right[min(whole + 2, last)])
+        difference = i32(left[column]) - (level + (1 << (_WEIGHT_BITS - 1)) >> _WEIGHT_BITS)
         difference = min(max(difference, -_MAX_LEVEL), _MAX_LEVEL)
-        gradient = np.int32(left[min(column + 1, last)]) - np.int32(left[max(column - 1, 0)])
+        gradient = i32(left[min(column + 1, last)]) - i32(left[max(column - 1, 0)])
         product[column + radius] = gradient * difference
         square[column + radius] = gradient * gradient
         count[column + radius] = 1

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from renderers.compiler.jit import kernel
+from renderers.compiler.kernel_types import I64, Array1, Array3, u32
 from renderers.stereo.sensor.exposure import DISPLAY_GAMMA
 
 _ROTATION_TOLERANCE: Final = 1e-6
@@ -71,14 +72,14 @@ def _light_tables() -> tuple[NDArray[np.uint32], NDArray[np.uint8]]:
     return light, levels
 
 
-@kernel("void(uint8[:,:,::1], uint32[::1], uint32[:,:,::1])")
-def add_light(image, light_of_level, sums):
+@kernel
+def add_light(image: Array3[np.uint8], light_of_level: Array1[np.uint32], sums: Array3[np.uint32]) -> None:
     """Add the light of an image to sums of light.
 
     Args:
-        image: (h, w, 3) uint8.
-        light_of_level: (256,) uint32, ``_light_tables``.
-        sums: (h, w, 3) uint32, changed.
+        image: (h, w, 3).
+        light_of_level: (256,), ``_light_tables``.
+        sums: (h, w, 3), changed.
     """
     height, width = image.shape[:2]
     for row in range(height):
@@ -87,21 +88,29 @@ def add_light(image, light_of_level, sums):
                 sums[row, column, channel] += light_of_level[image[row, column, channel]]
 
 
-@kernel("void(uint32[:,:,::1], int64, uint32[::1], uint8[::1], int64, int64, uint8[:,:,::1])")
-def write_mean(sums, count, light_of_level, level_of_light, first_row, first_column, image):
+@kernel
+def write_mean(
+    sums: Array3[np.uint32],
+    count: I64,
+    light_of_level: Array1[np.uint32],
+    level_of_light: Array1[np.uint8],
+    first_row: I64,
+    first_column: I64,
+    image: Array3[np.uint8],
+) -> None:
     """Write the mean light of a rectangle of an image and of other images.
 
     Args:
-        sums: (h, w, 3) uint32, sums of the light of ``count`` - 1 images.
+        sums: (h, w, 3), sums of the light of ``count`` - 1 images.
         count: number of images, ``image`` included.
-        light_of_level: (256,) uint32, ``_light_tables``.
-        level_of_light: (65536,) uint8, ``_light_tables``.
+        light_of_level: (256,), ``_light_tables``.
+        level_of_light: (65536,), ``_light_tables``.
         first_row: upper row of the rectangle.
         first_column: left column of the rectangle.
-        image: (H, W, 3) uint8, changed.
+        image: (H, W, 3), changed.
     """
     height, width = sums.shape[:2]
-    divisor, half = np.uint32(count), np.uint32(count // 2)
+    divisor, half = u32(count), u32(count // 2)
     for row in range(height):
         for column in range(width):
             for channel in range(3):

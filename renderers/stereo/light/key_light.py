@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from renderers.camera import Camera
 from renderers.compiler.device_function import inlined
 from renderers.compiler.jit import kernel
+from renderers.compiler.kernel_types import F32, F64, I64, Array1, Array2, Array3, f32, i64
 from renderers.light_rig import STUDIO
 from renderers.shading.studio.shadows import light_camera, metres_per_pixel
 
@@ -95,34 +96,41 @@ def light_factors(
 
 
 @inlined
-def _lit_share(shadow_depth, u, v, z):
+def _lit_share(shadow_depth: Array2[np.float32], u: F32, v: F32, z: F32) -> F32:
     """Return the share of a light that reaches a point, from four texels with bilinear weights; 1 outside of the map.
 
     Args:
-        shadow_depth: (S, S) float32, metres, +inf: nothing.
-        u, v: position in the map, texels, float32.
-        z: depth of the point, metres, float32.
+        shadow_depth: (S, S), metres, +inf: nothing.
+        u, v: position in the map, texels.
+        z: depth of the point, metres.
     """
-    last = np.float32(shadow_depth.shape[0] - 1)
-    one = np.float32(1.0)
-    u, v = u - np.float32(0.5), v - np.float32(0.5)
-    if not (np.float32(0.0) < u < last and np.float32(0.0) < v < last):
+    last = f32(shadow_depth.shape[0] - 1)
+    one = f32(1.0)
+    u, v = u - f32(0.5), v - f32(0.5)
+    if not (f32(0.0) < u < last and f32(0.0) < v < last):
         return one
-    i, j = np.int64(u), np.int64(v)
-    fu, fv = u - np.float32(i), v - np.float32(j)
-    upper = np.float32(shadow_depth[j, i] >= z) * (one - fu) + np.float32(shadow_depth[j, i + 1] >= z) * fu
-    lower = np.float32(shadow_depth[j + 1, i] >= z) * (one - fu) + np.float32(shadow_depth[j + 1, i + 1] >= z) * fu
+    i, j = i64(u), i64(v)
+    fu, fv = u - f32(i), v - f32(j)
+    upper = f32(shadow_depth[j, i] >= z) * (one - fu) + f32(shadow_depth[j, i + 1] >= z) * fu
+    lower = f32(shadow_depth[j + 1, i] >= z) * (one - fu) + f32(shadow_depth[j + 1, i + 1] >= z) * fu
     return upper * (one - fv) + lower * fv
 
 
 @inlined
-def _row_times_point(X, row, x, y, z):
+def _row_times_point(X: Array2[np.float64], row: I64, x: F64, y: F64, z: F64) -> F64:
     """Return one coordinate of a point, transformed by a (3, 4) matrix."""
     return X[row, 0] * x + X[row, 1] * y + X[row, 2] * z + X[row, 3]
 
 
 @inlined
-def _unshadowed_share(shadow_depth, shadow_map, X_light_camera, point, normal, n_l):
+def _unshadowed_share(
+    shadow_depth: Array2[np.float32],
+    shadow_map: Array1[np.float64],
+    X_light_camera: Array2[np.float64],
+    point: tuple[F64, F64, F32],
+    normal: tuple[F32, F32, F32],
+    n_l: F64,
+) -> F32:
     """Return the share of the key light that reaches a point.
 
     Args:
@@ -138,31 +146,32 @@ def _unshadowed_share(shadow_depth, shadow_map, X_light_camera, point, normal, n
     scale = focal_length / light_z
     # A texel has one depth, but the depths of a slanted surface differ within it.
     bias = 0.5 * offset / max(n_l, 0.2)
-    return _lit_share(
-        shadow_depth,
-        np.float32(light_x * scale + center),
-        np.float32(light_y * scale + center),
-        np.float32(light_z - bias),
-    )
+    return _lit_share(shadow_depth, f32(light_x * scale + center), f32(light_y * scale + center), f32(light_z - bias))
 
 
-@kernel(
-    "void(float32[:,::1], float32[:,:,::1], float64[::1], float32[:,::1], float64[:,::1], float64[::1], float64[::1], "
-    "float64[::1], float64[::1], uint8[:,::1])"
-)
+@kernel
 def _write_factors(
-    depth, normal, intrinsics, shadow_depth, X_light_camera, shadow_map, to_light, up, light_levels, factors
-):
+    depth: Array2[np.float32],
+    normal: Array3[np.float32],
+    intrinsics: Array1[np.float64],
+    shadow_depth: Array2[np.float32],
+    X_light_camera: Array2[np.float64],
+    shadow_map: Array1[np.float64],
+    to_light: Array1[np.float64],
+    up: Array1[np.float64],
+    light_levels: Array1[np.float64],
+    factors: Array2[np.uint8],
+) -> None:
     """Write ``light_factors`` to ``factors``.
 
     Args:
-        intrinsics: (4,) float64: fx, fy, cx, cy of the camera, pixels.
-        X_light_camera: (3, 4) float64, from the camera's frame to the light's.
-        shadow_map: (3,) float64: focal length and principal point, texels; offset of a point along its normal, metres
+        intrinsics: (4,): fx, fy, cx, cy of the camera, pixels.
+        X_light_camera: (3, 4), from the camera's frame to the light's.
+        shadow_map: (3,): focal length and principal point, texels; offset of a point along its normal, metres
             per metre of distance from the light.
-        to_light: (3,) float64, unit vector to the light in the camera's frame.
-        up: (3,) float64, the world's z axis in the camera's frame.
-        light_levels: (3,) float64: ``KEY_LIGHT``, ``SKY_LIGHT`` and ``GROUND_LIGHT``.
+        to_light: (3,), unit vector to the light in the camera's frame.
+        up: (3,), the world's z axis in the camera's frame.
+        light_levels: (3,): ``KEY_LIGHT``, ``SKY_LIGHT`` and ``GROUND_LIGHT``.
     """
     height, width = depth.shape
     inv_fx, inv_fy, cx, cy = 1.0 / intrinsics[0], 1.0 / intrinsics[1], intrinsics[2], intrinsics[3]
@@ -180,7 +189,7 @@ def _write_factors(
             n_up = nx * up[0] + ny * up[1] + nz * up[2]
             if nx == 0.0 and ny == 0.0 and nz == 0.0:  # unlit: as a surface that faces the camera and the sky
                 headlight, n_l, n_up = 1.0, 0.8, 1.0
-            share = np.float32(0.0)
+            share = f32(0.0)
             if n_l > 0.0:
                 point = (column + 0.5 - cx) * inv_fx * z, ray_y * z, z
                 share = _unshadowed_share(shadow_depth, shadow_map, X_light_camera, point, (nx, ny, nz), n_l)

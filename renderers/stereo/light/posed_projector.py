@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from renderers.camera import Camera
 from renderers.compiler.device_function import inlined
 from renderers.compiler.jit import kernel
+from renderers.compiler.kernel_types import F64, I64, Array1, Array2, Array3, f64
 from renderers.stereo.light.projector import MAX_FADE, REFERENCE_DEPTH, SHADOW_BIAS, pattern_at
 
 _MIN_HEADLIGHT: Final = 0.2
@@ -64,27 +65,34 @@ def add_dots(
     )  # fmt: skip
 
 
-@kernel(
-    "void(float32[:,::1], float32[:,:,::1], float64[::1], float64[:,::1], float32[:,::1], float64[::1], "
-    "uint8[:,::1], float64, float64, int32[:,::1], float32[::1], uint16[:,::1])"
-)
+@kernel
 def _add_dots(
-    depth, normal, k, X_projector_camera, projector_depth, projector_k, pattern, cells_per_pixel, strength, ids, shares,
-    light,
-):  # fmt: skip
+    depth: Array2[np.float32],
+    normal: Array3[np.float32],
+    k: Array1[np.float64],
+    X_projector_camera: Array2[np.float64],
+    projector_depth: Array2[np.float32],
+    projector_k: Array1[np.float64],
+    pattern: Array2[np.uint8],
+    cells_per_pixel: F64,
+    strength: F64,
+    ids: Array2[np.int32],
+    shares: Array1[np.float32],
+    light: Array2[np.uint16],
+) -> None:
     """Add the projector's light at every pixel. Arguments that are not listed are those of ``add_dots``.
 
     Each pixel's surface point is transformed to the projector's frame and projected to its image, which gives the place
     in the pattern. The point is lit unless a nearer surface is there.
 
     Args:
-        k: (4,) float64, fx, fy, cx, cy of the camera.
-        X_projector_camera: (3, 4) float64.
-        projector_k: (4,) float64, likewise of the projector.
-        pattern: (N, N) uint8; N is a power of two.
+        k: (4,), fx, fy, cx, cy of the camera.
+        X_projector_camera: (3, 4).
+        projector_k: (4,), likewise of the projector.
+        pattern: (N, N); N is a power of two.
         cells_per_pixel: cells of the pattern per pixel of the projector's image.
-        ids: (H, W) int32, instance at every pixel.
-        shares: (I,) float32, share of the light that each instance returns.
+        ids: (H, W), instance at every pixel.
+        shares: (I,), share of the light that each instance returns.
     """
     height, width = depth.shape
     rows, columns = projector_depth.shape
@@ -95,7 +103,7 @@ def _add_dots(
         origin[axis] = -(R[0, axis] * t[0] + R[1, axis] * t[1] + R[2, axis] * t[2])
     for row in range(height):
         for column in range(width):
-            z = np.float64(depth[row, column])
+            z = f64(depth[row, column])
             if not z < np.inf:
                 continue
             x, y = (column + 0.5 - k[2]) / k[0] * z, (row + 0.5 - k[3]) / k[1] * z
@@ -120,7 +128,7 @@ def _add_dots(
 
 
 @inlined
-def _is_in_shadow(projector_depth, left, top, projector_z):
+def _is_in_shadow(projector_depth: Array2[np.float32], left: I64, top: I64, projector_z: F64) -> bool:
     """Return True if all four pixels from ``left`` and ``top`` on are nearer than a point at depth ``projector_z``."""
     farthest = max(
         max(projector_depth[top, left], projector_depth[top, left + 1]),
@@ -130,11 +138,11 @@ def _is_in_shadow(projector_depth, left, top, projector_z):
 
 
 @inlined
-def _relative_cosine(normal, to_x, to_y, to_z):
+def _relative_cosine(normal: Array1[np.float32], to_x: F64, to_y: F64, to_z: F64) -> F64:
     """Return the cosine of the projector's light on a surface, divided by that of the headlight.
 
     Args:
-        normal: (3,) float32, unit normal in the camera's frame; 0: unlit, for which the result is 1.
+        normal: (3,), unit normal in the camera's frame; 0: unlit, for which the result is 1.
         to_x: vector from the surface to the projector in the camera's frame, metres.
         to_y: likewise.
         to_z: likewise.
@@ -143,12 +151,12 @@ def _relative_cosine(normal, to_x, to_y, to_z):
     cosines = 1.0
     if n_x != 0.0 or n_y != 0.0 or n_z != 0.0:
         cosine = (n_x * to_x + n_y * to_y + n_z * to_z) / np.sqrt(to_x * to_x + to_y * to_y + to_z * to_z)
-        cosines = max(cosine, 0.0) / max(-np.float64(n_z), _MIN_HEADLIGHT)
+        cosines = max(cosine, 0.0) / max(-f64(n_z), _MIN_HEADLIGHT)
     return cosines
 
 
 @inlined
-def _interpolated(pattern, u, v):
+def _interpolated(pattern: Array2[np.uint8], u: F64, v: F64) -> F64:
     """Return the bilinearly interpolated pattern, which repeats, at column ``u`` and row ``v``."""
     mask = pattern.shape[0] - 1
     cell_u, cell_v = int(np.floor(u)), int(np.floor(v))

@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 from renderers.cache import WeakCache
 from renderers.compiler.device_function import device_function
 from renderers.compiler.jit import kernel
+from renderers.compiler.kernel_types import F32, F64, Array1, Array2, f32, i32, u16, u32, u64
 from renderers.drawlist import Image, Instance
 from renderers.stereo.light.projector_pattern import TEXELS_PER_CELL, soft_pattern_levels
 
@@ -154,65 +155,73 @@ def _metal_means(image: Image) -> tuple[float, float]:
 
 
 @device_function
-def _interpolate_rows(upper, lower, fraction, row):
-    """Write the values between two rows of the pattern to ``row``, (N + 1,) float32, the first cell repeated."""
+def _interpolate_rows(upper: Array1[np.uint8], lower: Array1[np.uint8], fraction: F32, row: Array1[np.float32]) -> None:
+    """Write the values between two rows of the pattern to ``row``, (N + 1,), the first cell repeated."""
     for i in range(len(upper)):
-        row[i] = np.float32(upper[i]) * (np.float32(1.0) - fraction) + np.float32(lower[i]) * fraction
+        row[i] = f32(upper[i]) * (f32(1.0) - fraction) + f32(lower[i]) * fraction
     row[len(upper)] = row[0]
 
 
-@kernel(
-    "void(float32[:,::1], float32[:,::1], uint8[:,::1], float64, float64, float64, float64, int32[:,::1], "
-    "float32[::1], uint16[:,::1])"
-)
-def _project(depth, projector_depth, pattern, cells_per_pixel, cx, cy, focal_times_offset, ids, shares, light):
+@kernel
+def _project(
+    depth: Array2[np.float32],
+    projector_depth: Array2[np.float32],
+    pattern: Array2[np.uint8],
+    cells_per_pixel: F64,
+    cx: F64,
+    cy: F64,
+    focal_times_offset: F64,
+    ids: Array2[np.int32],
+    shares: Array1[np.float32],
+    light: Array2[np.uint16],
+) -> None:
     """Write the light at every pixel: the pattern, interpolated bilinearly, except in shadow.
 
     Arguments that are not listed are those of ``projected_dots``.
 
     Args:
-        pattern: (N, N) uint8, one level of the pattern; N is a power of two.
+        pattern: (N, N), one level of the pattern; N is a power of two.
         cells_per_pixel: cells of this level per pixel of the image.
         focal_times_offset: focal length times the camera's x in the projector's frame, pixels times metres.
-        ids: (H, W) int32, instance at every pixel, or (1, 1).
-        shares: (I,) float32, share of the light that each instance returns; not used with ids of (1, 1).
-        light: (H, W) uint16, output.
+        ids: (H, W), instance at every pixel, or (1, 1).
+        shares: (I,), share of the light that each instance returns; not used with ids of (1, 1).
+        light: (H, W), output.
     """
     height, width = depth.shape
     period = pattern.shape[0]
-    reference, max_fade, has_ids = np.float32(REFERENCE_DEPTH), np.float32(MAX_FADE), ids.shape[0] == height
-    scale, disparity_factor = np.float32(cells_per_pixel), np.float32(focal_times_offset)
-    shadow_factor = np.float32(1.0 - SHADOW_BIAS)
-    center, cell_mask = np.float32(period // 2), np.uint32(period - 1)
-    one, half = np.float32(1.0), np.float32(0.5)
+    reference, max_fade, has_ids = f32(REFERENCE_DEPTH), f32(MAX_FADE), ids.shape[0] == height
+    scale, disparity_factor = f32(cells_per_pixel), f32(focal_times_offset)
+    shadow_factor = f32(1.0 - SHADOW_BIAS)
+    center, cell_mask = f32(period // 2), u32(period - 1)
+    one, half = f32(1.0), f32(0.5)
     # The pattern at one row of the image, its first cell repeated; and values of the row's pixels. The loops that read
     # no tables compile to vector instructions.
     pattern_row = np.empty(period + 1, np.float32)
     cells, fractions = np.empty(width, np.uint32), np.empty(width, np.float32)
     fades, projector_columns = np.empty(width, np.float32), np.empty(width, np.int32)
     for row in range(height):
-        v = (np.float32(row + 0.5) - np.float32(cy)) * scale + center
+        v = (f32(row + 0.5) - f32(cy)) * scale + center
         cell_v = int(np.floor(v))
         upper, lower = pattern[cell_v & (period - 1)], pattern[(cell_v + 1) & (period - 1)]
-        _interpolate_rows(upper, lower, v - np.float32(cell_v), pattern_row)
+        _interpolate_rows(upper, lower, v - f32(cell_v), pattern_row)
         for column in range(width):
             z = depth[row, column]  # +inf on the background, where all light fades
             disparity, fade = disparity_factor / z, reference / z
-            u = (np.float32(column) + half - np.float32(cx) + disparity) * scale + center
+            u = (f32(column) + half - f32(cx) + disparity) * scale + center
             cell_u = np.floor(u)
-            cells[column], fractions[column] = np.uint32(np.int32(cell_u)) & cell_mask, u - cell_u
+            cells[column], fractions[column] = u32(i32(cell_u)) & cell_mask, u - cell_u
             fades[column] = min(fade * fade, max_fade)
-            projector_columns[column] = np.int32(np.floor(np.float32(column) + half + disparity))
+            projector_columns[column] = i32(np.floor(f32(column) + half + disparity))
         if has_ids:
             for column in range(width):
                 fades[column] *= shares[max(ids[row, column], 0)]
         for column in range(width):
-            cell, fraction = np.uint64(cells[column]), fractions[column]
-            value = pattern_row[cell] * (one - fraction) + pattern_row[cell + np.uint64(1)] * fraction
+            cell, fraction = u64(cells[column]), fractions[column]
+            value = pattern_row[cell] * (one - fraction) + pattern_row[cell + u64(1)] * fraction
             x = projector_columns[column]
             if 1 <= x <= width - 2:
                 # The point is in shadow if all three pixels around it in the projector's image are nearer.
                 farthest = max(projector_depth[row, x - 1], projector_depth[row, x], projector_depth[row, x + 1])
                 if farthest < depth[row, column] * shadow_factor:
-                    value = np.float32(0.0)
-            light[row, column] = np.uint16(np.int32(value * fades[column] + half))
+                    value = f32(0.0)
+            light[row, column] = u16(i32(value * fades[column] + half))

@@ -87,7 +87,7 @@ def disparity_mesh(
         colors = _bin_colors(left, width, height, bin_size)[vertex_index >= 0]
         for channel, name in enumerate(("red", "green", "blue")):
             vertices[f"diffuse_{name}"] = vertices[name] = colors[:, channel]
-    max_step = np.float32(np.inf) if options.watertight else np.float32(MAX_STEP)
+    max_step = np.inf if options.watertight else MAX_STEP
     triangles = np.empty((kernels.count_triangles(bin_disparity, max_step), 3), np.uint32)
     kernels.make_triangles(bin_disparity, vertex_index, max_step, triangles)
     faces = np.empty(len(triangles), _FACE)

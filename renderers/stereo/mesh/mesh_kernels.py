@@ -6,22 +6,30 @@ import numpy as np
 
 from renderers.compiler.device_function import inlined
 from renderers.compiler.jit import kernel
+from renderers.compiler.kernel_types import F32, F64, I64, Array2, f32
 
 
-@kernel("void(uint16[:,::1], int64, boolean, float32[:,::1], float32[:,::1], float32[:,::1])")
-def bin_points(disparity, bin_size, nearest, bin_disparity, bin_u, bin_v):
+@kernel
+def bin_points(
+    disparity: Array2[np.uint16],
+    bin_size: I64,
+    nearest: bool,
+    bin_disparity: Array2[np.float32],
+    bin_u: Array2[np.float32],
+    bin_v: Array2[np.float32],
+) -> None:
     """Write disparity and pixel position of each bin's point.
 
     The point is the nearest pixel of the bin or the mean of its valid pixels. The mean over pixels of a plane lies on
     the plane, because the disparity of a plane is affine in the pixel position.
 
     Args:
-        disparity: (H, W) uint16.
+        disparity: (H, W).
         bin_size: side of a bin, pixels.
         nearest: take the nearest pixel instead of the mean.
-        bin_disparity: (rows, columns) float32, output.
-        bin_u: (rows, columns) float32, output, pixels from the left edge.
-        bin_v: (rows, columns) float32, output, pixels from the top edge.
+        bin_disparity: (rows, columns), output.
+        bin_u: (rows, columns), output, pixels from the left edge.
+        bin_v: (rows, columns), output, pixels from the top edge.
     """
     height, width = disparity.shape
     rows, columns = bin_disparity.shape
@@ -50,9 +58,9 @@ def bin_points(disparity, bin_size, nearest, bin_disparity, bin_u, bin_v):
                 bin_v[row, column] = y_sum / count + 0.5
 
 
-@kernel("void(float32[:,::1])")
-def fill_empty_bins(bin_disparity):
-    """Fill every empty bin of ``bin_disparity``, (rows, columns) float32.
+@kernel
+def fill_empty_bins(bin_disparity: Array2[np.float32]) -> None:
+    """Fill every empty bin of ``bin_disparity``, (rows, columns).
 
     An empty bin gets the farther of the next filled bins to its left and right, because the background continues behind
     the edge of an object. An empty row repeats the last filled row above it, or the first filled row if none is above.
@@ -60,7 +68,7 @@ def fill_empty_bins(bin_disparity):
     rows, columns = bin_disparity.shape
     first_filled, last_filled = -1, -1
     for row in range(rows):
-        left = np.float32(0.0)
+        left = f32(0.0)
         column = 0
         while column < columns:
             if bin_disparity[row, column] > 0.0:
@@ -70,7 +78,7 @@ def fill_empty_bins(bin_disparity):
             start = column
             while column < columns and bin_disparity[row, column] == 0.0:
                 column += 1
-            right = bin_disparity[row, column] if column < columns else np.float32(0.0)
+            right = bin_disparity[row, column] if column < columns else f32(0.0)
             farther = min(left, right) if left > 0.0 and right > 0.0 else max(left, right)
             for empty_column in range(start, column):
                 bin_disparity[row, empty_column] = farther
@@ -85,34 +93,40 @@ def fill_empty_bins(bin_disparity):
 
 
 @inlined
-def _copy_row(values, source, target):
+def _copy_row(values: Array2[np.float32], source: I64, target: I64) -> None:
     """Copy row ``source`` to row ``target``, in a loop: a slice assignment would also compile error handling."""
     for column in range(values.shape[1]):
         values[target, column] = values[source, column]
 
 
-@kernel(
-    "void(float32[:,::1], float32[:,::1], float32[:,::1], float64, float64, float64, float64, float64, int32[:,::1], "
-    "float32[:,::1])"
-)
+@kernel
 def make_points(
-    bin_disparity, bin_u, bin_v, focal_length, cx, cy, baseline_units, footprint_units, vertex_index, points
-):
+    bin_disparity: Array2[np.float32],
+    bin_u: Array2[np.float32],
+    bin_v: Array2[np.float32],
+    focal_length: F64,
+    cx: F64,
+    cy: F64,
+    baseline_units: F64,
+    footprint_units: F64,
+    vertex_index: Array2[np.int32],
+    points: Array2[np.float32],
+) -> None:
     """Write the 3D point and footprint of every valid bin, and the bin's vertex index (-1: no point).
 
     The manual's formula: P = ((u - cx) t / d, (v - cy) t / d, f t / d), with focal length f and baseline t.
 
     Args:
-        bin_disparity: (rows, columns) float32, the d of the formula.
-        bin_u: (rows, columns) float32, pixels from the left edge.
-        bin_v: (rows, columns) float32, pixels from the top edge.
+        bin_disparity: (rows, columns), the d of the formula.
+        bin_u: (rows, columns), pixels from the left edge.
+        bin_v: (rows, columns), pixels from the top edge.
         focal_length: pixels.
         cx: principal point, pixels from the left edge.
         cy: principal point, pixels from the top edge.
         baseline_units: baseline times the disparity units per pixel, metres.
         footprint_units: footprint of a point times its disparity, metres.
-        vertex_index: (rows, columns) int32, output.
-        points: (N, 4) float32, output: x, y, z and footprint, metres.
+        vertex_index: (rows, columns), output.
+        points: (N, 4), output: x, y, z and footprint, metres.
     """
     count = 0
     for row in range(bin_disparity.shape[0]):
@@ -130,9 +144,9 @@ def make_points(
 
 
 @inlined
-def _connected_corners(bin_disparity, row, column, max_step):
+def _connected_corners(bin_disparity: Array2[np.float32], row: I64, column: I64, max_step: F32) -> I64:
     """Return the number of valid corners of the cell below and right of a bin; 0: the cell is not connected."""
-    lowest, highest, valid = np.float32(np.inf), np.float32(0.0), 0
+    lowest, highest, valid = f32(np.inf), f32(0.0), 0
     for d in (
         bin_disparity[row, column],
         bin_disparity[row, column + 1],
@@ -146,8 +160,8 @@ def _connected_corners(bin_disparity, row, column, max_step):
     return valid if valid >= 3 and highest - lowest <= max_step else 0
 
 
-@kernel("int64(float32[:,::1], float32)")
-def count_triangles(bin_disparity, max_step):
+@kernel
+def count_triangles(bin_disparity: Array2[np.float32], max_step: F32) -> I64:
     """Return the number of triangles that ``make_triangles`` writes."""
     count = 0
     for row in range(bin_disparity.shape[0] - 1):
@@ -156,8 +170,10 @@ def count_triangles(bin_disparity, max_step):
     return count
 
 
-@kernel("void(float32[:,::1], int32[:,::1], float32, uint32[:,::1])")
-def make_triangles(bin_disparity, vertex_index, max_step, triangles):
+@kernel
+def make_triangles(
+    bin_disparity: Array2[np.float32], vertex_index: Array2[np.int32], max_step: F32, triangles: Array2[np.uint32]
+) -> None:
     """Write the triangles, counter-clockwise seen from the camera: the vendor's order (i-1,k-1), (i-1,k), (i,k),
     (i,k-1)."""
     count = 0

@@ -13,6 +13,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from renderers.compiler.kernel_types import u64
 from renderers.stereo.light.key_light import FACTOR_ONE
 from renderers.stereo.light.projector import FULL_LIGHT
 from renderers.stereo.model import Intrinsics
@@ -181,6 +182,6 @@ def image_from_light(
     level_sum = expose_light(
         light.reshape(rows, -1), channels, (RESPONSE_STEPS - 1) / (saturated_root * LIGHT_WHITE), response,
         fixed.offset, fixed.gain, OFFSET_UNIT * exposure.amplification, 0.5 * GAIN_UNIT,
-        _NOISE_QUANTILES, np.uint64(key), image.reshape(rows, -1),
+        _NOISE_QUANTILES, u64(key), image.reshape(rows, -1),
     )  # fmt: skip
     return SensorImage(image if channels == 3 else image[:, :, 0], level_sum / (255.0 * image.size))

@@ -8,6 +8,7 @@ import numpy as np
 
 from renderers.compiler.device_function import inlined
 from renderers.compiler.jit import kernel
+from renderers.compiler.kernel_types import F32, F64, I64, Array1, Array2, Array3, f32, i32, u16
 from renderers.stereo.sensor.exposure import LIGHT_WHITE
 
 _FACTOR_SCALE: Final = np.float32(1.0 / 65536.0)
@@ -15,13 +16,13 @@ _FACTOR_SCALE: Final = np.float32(1.0 / 65536.0)
 
 
 @inlined
-def _mix_channels(rendered, light_of_level, scene):
+def _mix_channels(rendered: Array2[np.uint8], light_of_level: Array2[np.float32], scene: Array1[np.float32]) -> None:
     """Write one channel of a row's light.
 
     Args:
-        rendered: (W, 3) uint8 RGB.
-        light_of_level: (3, 256) float32.
-        scene: (W + 2,) float32, output between its ends.
+        rendered: (W, 3) RGB.
+        light_of_level: (3, 256).
+        scene: (W + 2,), output between its ends.
     """
     red, green, blue = light_of_level[0], light_of_level[1], light_of_level[2]
     for column in range(len(rendered)):
@@ -29,16 +30,23 @@ def _mix_channels(rendered, light_of_level, scene):
 
 
 @inlined
-def _interpolate_factors(factors, row, rendered, background, coarse, fine):
+def _interpolate_factors(
+    factors: Array2[np.uint8],
+    row: I64,
+    rendered: Array2[np.uint8],
+    background: Array1[np.uint8],
+    coarse: Array1[np.float32],
+    fine: Array1[np.float32],
+) -> None:
     """Write the factors of a row's pixels, 1 where they show the background.
 
     Quadratic B-splines; linear interpolation would show the coarse pixels at edges. A row's centre lies a quarter of a
     coarse row beside that of its coarse row: weights of 22, 9 and 1, in 1/32. The same holds for columns.
 
     Args:
-        rendered: (W, 3) uint8 RGB, the row.
+        rendered: (W, 3) RGB, the row.
         coarse: (ceil(W / 2) + 2,) float32, scratch.
-        fine: (W,) float32, output.
+        fine: (W,), output.
     """
     last, width = factors.shape[0] - 1, factors.shape[1]
     near_row, step = min(row >> 1, last), (row & 1) * 2 - 1
@@ -48,33 +56,40 @@ def _interpolate_factors(factors, row, rendered, background, coarse, fine):
         factors[min(max(near_row - step, 0), last)],
     )
     for column in range(width):
-        value = np.int32(22) * near[column] + np.int32(9) * far[column] + np.int32(opposite[column])
-        coarse[column + 1] = np.float32(value) * _FACTOR_SCALE
+        value = i32(22) * near[column] + i32(9) * far[column] + i32(opposite[column])
+        coarse[column + 1] = f32(value) * _FACTOR_SCALE
     coarse[0], coarse[width + 1] = coarse[1], coarse[width]
     for column in range(len(fine)):
         k, step = (column >> 1) + 1, (column & 1) * 2 - 1
-        factor = np.float32(22.0) * coarse[k] + np.float32(9.0) * coarse[k + step] + coarse[k - step]
+        factor = f32(22.0) * coarse[k] + f32(9.0) * coarse[k + step] + coarse[k - step]
         is_background = (
             (rendered[column, 0] == background[0])
             & (rendered[column, 1] == background[1])
             & (rendered[column, 2] == background[2])
         )
-        fine[column] = np.float32(1.0) if is_background else factor
+        fine[column] = f32(1.0) if is_background else factor
 
 
 @inlined
-def _light_scene(scene, factors, dots, dot_unit, has_dots, has_factors):
+def _light_scene(
+    scene: Array1[np.float32],
+    factors: Array1[np.float32],
+    dots: Array1[np.uint16],
+    dot_unit: F32,
+    has_dots: bool,
+    has_factors: bool,
+) -> None:
     """Multiply a row's light by the factors, and by what the projector adds."""
     if has_dots:
         for column in range(len(factors)):
-            scene[column + 1] *= factors[column] + dot_unit * np.float32(dots[column])
+            scene[column + 1] *= factors[column] + dot_unit * f32(dots[column])
     elif has_factors:
         for column in range(len(factors)):
             scene[column + 1] *= factors[column]
 
 
 @inlined
-def _blur_along_row(scene, center, outer, blurred):
+def _blur_along_row(scene: Array1[np.float32], center: F32, outer: F32, blurred: Array1[np.float32]) -> None:
     """Write a row's light blurred along the row; the ends of ``scene`` become copies of their neighbours."""
     width = len(blurred)
     scene[0], scene[width + 1] = scene[1], scene[width]
@@ -83,58 +98,75 @@ def _blur_along_row(scene, center, outer, blurred):
 
 
 @inlined
-def _write_row(above, here, below, center, outer, falloff, has_falloff, light, channel):
+def _write_row(
+    above: Array1[np.float32],
+    here: Array1[np.float32],
+    below: Array1[np.float32],
+    center: F32,
+    outer: F32,
+    falloff: Array1[np.float32],
+    has_falloff: bool,
+    light: Array2[np.uint16],
+    channel: I64,
+) -> None:
     """Write a row of the light image from three rows blurred along x, times the vignetting if there is any.
 
     Args:
-        light: (W, C) uint16, output.
+        light: (W, C), output.
     """
-    white, half, maximum = np.float32(LIGHT_WHITE), np.float32(0.5), np.float32(65535.0)
+    white, half, maximum = f32(LIGHT_WHITE), f32(0.5), f32(65535.0)
     if has_falloff:
         for column in range(len(here)):
             value = here[column] * center + (above[column] + below[column]) * outer
             root = np.sqrt(value * falloff[column]) * white + half
-            light[column, channel] = np.uint16(np.int32(min(root, maximum)))
+            light[column, channel] = u16(i32(min(root, maximum)))
     else:
         for column in range(len(here)):
             value = here[column] * center + (above[column] + below[column]) * outer
-            light[column, channel] = np.uint16(np.int32(min(np.sqrt(value) * white + half, maximum)))
+            light[column, channel] = u16(i32(min(np.sqrt(value) * white + half, maximum)))
 
 
 @inlined
-def _vignette(y, x_squared, falloff):
+def _vignette(y: F64, x_squared: Array1[np.float32], falloff: Array1[np.float32]) -> None:
     """Write the falloff cos^3 of a row; ``y`` and the root of ``x_squared``: position over the focal length."""
-    inv_cosine_base = np.float32(1.0 + y * y)
+    inv_cosine_base = f32(1.0 + y * y)
     for column in range(len(falloff)):
         inv_cosine_squared = inv_cosine_base + x_squared[column]
-        falloff[column] = np.float32(1.0) / (inv_cosine_squared * np.sqrt(inv_cosine_squared))
+        falloff[column] = f32(1.0) / (inv_cosine_squared * np.sqrt(inv_cosine_squared))
 
 
-@kernel(
-    "void(uint8[:,:,::1], uint16[:,::1], float64, uint8[:,::1], uint8[::1], float32[:,:,::1], float64, "
-    "float64, float64, float64, uint16[:,:,::1])"
-)
+@kernel
 def light_rows(
-    rendered, dots, dot_unit, factors, background, light_of_level, neighbour_weight, cx, cy, inv_focal, light
-):  # fmt: skip
+    rendered: Array3[np.uint8],
+    dots: Array2[np.uint16],
+    dot_unit: F64,
+    factors: Array2[np.uint8],
+    background: Array1[np.uint8],
+    light_of_level: Array3[np.float32],
+    neighbour_weight: F64,
+    cx: F64,
+    cy: F64,
+    inv_focal: F64,
+    light: Array3[np.uint16],
+) -> None:
     """Write a light image.
 
     Args:
-        rendered: (H, W, 3) uint8 RGB.
-        dots: (H, W) uint16, the projector's light; (1, 1): the projector is off.
+        rendered: (H, W, 3) RGB.
+        dots: (H, W), the projector's light; (1, 1): the projector is off.
         dot_unit: light that 1 in ``dots`` adds, relative to the rendered light.
         factors: (ceil(H / 2), ceil(W / 2)) uint8, factors of the rendered light, units of 1/64; (1, 1): 1.
-        background: (3,) uint8 RGB of pixels to which no factor applies.
-        light_of_level: (C, 3, 256) float32, light that each level of red, green and blue adds to each channel.
+        background: (3,) RGB of pixels to which no factor applies.
+        light_of_level: (C, 3, 256), light that each level of red, green and blue adds to each channel.
         neighbour_weight: weight of each of both neighbours in the filter of three taps along rows and along columns.
         cx: principal point, pixels from the left edge.
         cy: principal point, pixels from the top edge.
         inv_focal: 1 / focal length, 1/pixels; 0: no vignetting.
-        light: (H, W, C) uint16, output.
+        light: (H, W, C), output.
     """
     height, width, channels = light.shape
-    outer = np.float32(neighbour_weight)
-    center = np.float32(1.0) - outer - outer
+    outer = f32(neighbour_weight)
+    center = f32(1.0) - outer - outer
     has_dots, has_factors = dots.shape[0] == height and height > 1, factors.shape[0] > 1
     # Light of one row with its ends repeated, its factors, and the last three rows, blurred along x.
     scene, scene_factors = np.empty(width + 2, np.float32), np.ones(width, np.float32)
@@ -143,7 +175,7 @@ def light_rows(
     falloff, x_squared = np.empty(width, np.float32), np.empty(width, np.float32)
     for column in range(width):
         x = (column + 0.5 - cx) * inv_focal
-        x_squared[column] = np.float32(x * x)
+        x_squared[column] = f32(x * x)
     for channel in range(channels):
         for source_row in range(height + 1):
             if source_row < height:
@@ -153,7 +185,7 @@ def light_rows(
                         factors, source_row, rendered[source_row], background, coarse_factors, scene_factors
                     )
                 row_dots = dots[source_row if has_dots else 0]
-                _light_scene(scene, scene_factors, row_dots, np.float32(dot_unit), has_dots, has_factors)
+                _light_scene(scene, scene_factors, row_dots, f32(dot_unit), has_dots, has_factors)
                 _blur_along_row(scene, center, outer, blurred[source_row % 3])
             row = source_row - 1
             if row < 0:

@@ -16,7 +16,7 @@ from renderers.compiler.kernel_calls import (
     yield_at,
 )
 from renderers.compiler.pointers import i64_at
-from renderers.shading.layout import INSTANCE_MATRICES
+from renderers.shading.layout import InstanceMatrices
 from renderers.shading.scene import compute_instance_matrices
 
 
@@ -30,7 +30,7 @@ def test_calling_a_kernel_by_address() -> None:
     filled = []
     kernel_at = kernel_address(compute_instance_matrices)
     for call in (compute_instance_matrices, lambda *arguments: _call(kernel_at, *arguments)):
-        matrices = np.zeros(2, INSTANCE_MATRICES.dtype)
+        matrices = np.zeros(2, InstanceMatrices.dtype)
         call(points.ctypes.data, matrices.ctypes.data, 2, 0)
         assert matrices["mirror"].tolist() == [1.0, -1.0]
         filled.append(matrices)

@@ -14,7 +14,7 @@ from numba import extending, njit, types
 from numba.core.errors import TypingError
 
 from renderers.compiler.cache_locator import watch_compiler
-from renderers.compiler.numba_typing import argument_types, define_fields, define_operator, intrinsic
+from renderers.compiler.numba_typing import define_fields, define_operator, intrinsic
 
 _extending: Any = extending
 _I64 = ir.IntType(64)
@@ -123,7 +123,3 @@ def test_minimum_and_maximum_are_not_compiled_as_functions() -> None:
     with watch_compiler(lambda *_: compiled.append(None)):
         assert clamped(12) == 10
     assert len(compiled) == 1
-
-
-def test_types_of_the_arguments_of_a_signature() -> None:
-    assert argument_types("void(int64, float64[:, ::1])") == (types.int64, types.Array(types.float64, 2, "C"))

@@ -4,11 +4,15 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Iterator
+from types import SimpleNamespace
+from typing import Any, ClassVar
 
 import pytest
+from numba import types
 
 from renderers.compiler import pending
 from renderers.compiler.jit import Kernel
+from renderers.compiler.kernel_types import KernelSignature
 from renderers.stop import StopFlag
 from tests.support.waiting import SECONDS
 
@@ -55,12 +59,19 @@ def test_calls_wait_under_the_name_of_the_kernel() -> None:
 
     class Dispatcher:
         py_func = square
+        overloads: ClassVar[dict[Any, Any]] = {
+            (types.float64,): SimpleNamespace(signature=SimpleNamespace(return_type=types.float64))
+        }
+
+        def compile(self, arguments: object) -> None: ...
+
+        def disable_compile(self) -> None: ...
 
         def __call__(self, x: float) -> float:
             return x * x
 
     square.__module__ = "a"
-    kernel = Kernel(Dispatcher(), "float64(float64)")
+    kernel: Kernel[[float], float] = Kernel(Dispatcher(), KernelSignature(square))
     with pytest.raises(pending.KernelsPending):
         StopFlag(waits=False).run(lambda: kernel(3.0))
     pending.finish("a")

@@ -5,21 +5,18 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
+from renderers.compiler.kernel_types import i64
 from renderers.compiler.pointers import i32_at
-from renderers.raster.layout import FRAME, INSTANCE
-from renderers.raster.msaa.edge_merge import CACHE, share_smooth_edge
-
-frame_at, new_cache = FRAME.at, CACHE.local
+from renderers.raster.layout import RasterFrame, RasterInstance
+from renderers.raster.msaa.edge_merge import InstanceCache, share_smooth_edge
 
 
 @njit(error_model="numpy")
 def _share(frame, first, second, count, out):  # type: ignore[no-untyped-def]
-    cache = new_cache()
+    cache = InstanceCache()
     cache.first_id = cache.end_id = cache.indices = 0
     for k in range(count):
-        i32_at(out)[k] = share_smooth_edge(
-            frame_at(frame), np.int64(i32_at(first)[k]), np.int64(i32_at(second)[k]), cache
-        )
+        i32_at(out)[k] = share_smooth_edge(RasterFrame(frame), i64(i32_at(first)[k]), i64(i32_at(second)[k]), cache)
 
 
 def test_triangles_that_share_an_edge_of_a_mesh_with_normals() -> None:
@@ -29,7 +26,7 @@ def test_triangles_that_share_an_edge_of_a_mesh_with_normals() -> None:
     indices.append(np.array([rng.permutation(7)[:2] for _ in range(8)], np.uint32))
     padded = [np.concatenate((np.zeros(8, np.uint32), each.ravel(), np.zeros(8, np.uint32))) for each in indices]
     first_ids = np.cumsum([0, *map(len, indices)]).astype(np.int64)
-    instances, frame = np.zeros(5, INSTANCE.dtype), np.zeros(1, FRAME.dtype)
+    instances, frame = np.zeros(5, RasterInstance.dtype), np.zeros(1, RasterFrame.dtype)
     instances["topology"][:4] = 3, 3, 3, 2
     instances["mesh_normals"][:4] = 1, 1, 0, 1
     instances["mesh_indices"][:4] = [each.ctypes.data + 32 for each in padded]

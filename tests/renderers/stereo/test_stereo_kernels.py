@@ -208,17 +208,17 @@ def test_triangles_of_a_cell(missing: tuple[int, int] | None, triangles: list[li
     if missing is not None:
         d[missing] = 0.0
     index = np.where(d > 0, np.cumsum(d > 0).reshape(2, 2) - 1, -1).astype(np.int32)
-    assert mesh.count_triangles(d, np.float32(1.0)) == len(triangles)
+    assert mesh.count_triangles(d, 1.0) == len(triangles)
     out = np.empty((len(triangles), 3), np.uint32)
-    mesh.make_triangles(d, index, np.float32(1.0), out)
+    mesh.make_triangles(d, index, 1.0, out)
     assert out.tolist() == triangles
 
 
 def test_cells_are_cut_beyond_the_largest_step() -> None:
     d = np.array([[10, 10], [10, 12]], np.float32)
-    assert mesh.count_triangles(d, np.float32(2.0)) == 2
-    assert mesh.count_triangles(d, np.float32(1.99)) == 0
-    assert mesh.count_triangles(np.array([[10, 0], [0, 10]], np.float32), np.float32(2.0)) == 0
+    assert mesh.count_triangles(d, 2.0) == 2
+    assert mesh.count_triangles(d, 1.99) == 0
+    assert mesh.count_triangles(np.array([[10, 0], [0, 10]], np.float32), 2.0) == 0
 
 
 def test_dots_move_with_offset_and_rows() -> None:
