@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from renderers.compiler.device_function import inlined
 from renderers.compiler.jit import kernel, read_only
 from renderers.compiler.kernel_calls import is_set
-from renderers.compiler.kernel_types import F64, I64, Address, Array1, Array2, ReadOnly2, f64, u64
+from renderers.compiler.kernel_types import F64, I64, Address, Array1, Array2, ReadOnly2, f64, i64, u64
 from renderers.drawlist import Mesh
 from renderers.stop import current_stop
 
@@ -154,16 +154,16 @@ def _corner_normal(
     face: I64, corners: Array1[np.uint32], face_normals: Array2[np.float64], crease_cosine: F64
 ) -> tuple[F64, F64, F64]:
     """Return the mean normal, weighted by area, of the faces around a vertex within the crease angle of one of them."""
-    face = u64(face)
-    length = face_normals[face, 3]
+    row = u64(face)
+    length = face_normals[row, 3]
     own, total = (0.0, 0.0, 1.0), (0.0, 0.0, 0.0)
     if length > 0.0:
-        own = face_normals[face, 0] / length, face_normals[face, 1] / length, face_normals[face, 2] / length
+        own = face_normals[row, 0] / length, face_normals[row, 1] / length, face_normals[row, 2] / length
     if len(corners) <= MAX_FACES_PER_VERTEX:
         for corner in corners:
-            face = u64(corner // 3)
-            if _dot(face_normals, face, own) > crease_cosine * face_normals[face, 3]:
-                total = _plus(total, face_normals, face)
+            other = i64(corner // 3)
+            if _dot(face_normals, other, own) > crease_cosine * face_normals[u64(other), 3]:
+                total = _plus(total, face_normals, other)
     return _unit(total, own)
 
 
