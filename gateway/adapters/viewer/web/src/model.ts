@@ -1,7 +1,7 @@
 // The gateway's tree with world matrices; independent of WebGL and the page.
 
 import { Matrix4, Quaternion, Vector3 } from "three";
-import type { MeshPayload, NodeUpdate, Part, Path, SceneUpdate } from "./protocol";
+import type { MeshPayload, NodeUpdate, PagePart, Path, SceneUpdate } from "./protocol";
 import type { Mark } from "./tools/marks";
 import type { CloudLook, Range } from "./view/clouds";
 
@@ -12,7 +12,7 @@ const MAX_UNUSED_BYTES = 64 << 20;
 /** A node as it is published, and what this page shows otherwise: `shown`, `ownOpacity`, `cloud`, `mark`; null: as published. */
 export class TreeNode {
   readonly children = new Set<TreeNode>();
-  parts: Part[] | null = null;
+  parts: PagePart[] | null = null;
   visible = true;
   shown: boolean | null = null;
   opacity = 1;

@@ -3,13 +3,13 @@ import { afterEach, beforeEach, describe, expect, it, vi } from "vitest";
 import { numbersOf, poseOf, poseOfNumbers } from "../src/programs/gizmopose";
 import { curvePath, limits } from "../src/programs/plotview";
 import { foldersOf, ProgramControls } from "../src/programs/programcontrols";
-import type { ControlChange, ControlDefinition, ControlsMessage } from "../src/protocol";
+import type { ControlChange, ControlDefinition, PageControls } from "../src/protocol";
 
 const SPEED: ControlDefinition = { id: 1, type: "slider", path: ["arm", "speed"], value: 1, min: 0, max: 10 };
 const GO: ControlDefinition = { id: 2, type: "button", path: ["go"], value: 0 };
 const PLOT: ControlDefinition = { id: 3, type: "plot", path: ["loads"], value: null, series: ["a"] };
 
-function message(change: Partial<ControlsMessage>): ControlsMessage {
+function message(change: Partial<PageControls>): PageControls {
   return { kind: "controls", controls: null, values: [], samples: [], ...change };
 }
 

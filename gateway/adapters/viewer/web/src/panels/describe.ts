@@ -3,7 +3,7 @@
 import { type Box3, Euler, type Matrix4, Quaternion, Vector3 } from "three";
 import { counted, shortRow } from "../format";
 import type { TreeNode } from "../model";
-import type { Part, Vector } from "../protocol";
+import type { PagePart, Vector } from "../protocol";
 
 function poseRows(pose: Matrix4, metres: number): [string, string][] {
   const [position, rotation, scale] = [new Vector3(), new Quaternion(), new Vector3()];
@@ -19,7 +19,7 @@ function poseRows(pose: Matrix4, metres: number): [string, string][] {
   return rows;
 }
 
-function partText(part: Part): string {
+function partText(part: PagePart): string {
   const points = part.points === undefined ? "" : `${part.points} points`;
   return [part.kind, points, Object.keys(part.channels ?? {}).join(", "), part.source].filter(Boolean).join(" · ");
 }

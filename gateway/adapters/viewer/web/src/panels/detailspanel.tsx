@@ -3,7 +3,7 @@
 import { useRef } from "preact/hooks";
 import { pathText, short } from "../format";
 import type { TreeNode } from "../model";
-import type { Part } from "../protocol";
+import type { PagePart } from "../protocol";
 import { MarkFields } from "../tools/marks";
 import { FrameField, toFrame } from "../tools/poseframes";
 import { COLOR_MAPS, colorChoices, type MapName, ramp } from "../view/clouds";
@@ -17,7 +17,7 @@ interface NodeProps {
 }
 
 /** Colours of a point cloud. */
-function CloudColors({ node, part, viewer }: NodeProps & { part: Part }) {
+function CloudColors({ node, part, viewer }: NodeProps & { part: PagePart }) {
   const { by, map } = node.cloud ?? { by: "", map: "turbo" as MapName };
   const range = node.cloudRange;
   const choose = (nextBy: string, nextMap: MapName) => {

@@ -1,7 +1,7 @@
 // Controls of programs, their values and samples. Without a browser.
 
 import { batch, type Signal, signal } from "@preact/signals";
-import type { ControlChange, ControlDefinition, ControlsMessage, ControlValue } from "../protocol";
+import type { ControlChange, ControlDefinition, ControlValue, PageControls } from "../protocol";
 
 /** Shortest time between two changes of a control that are sent, and between two images of a plot, ms. */
 const INTERVAL = 40;
@@ -40,7 +40,7 @@ export class ProgramControls {
 
   constructor(private readonly send: (change: ControlChange) => void) {}
 
-  receive(message: ControlsMessage): void {
+  receive(message: PageControls): void {
     batch(() => {
       if (message.controls) this.setAll(message.controls);
       for (const [id, value] of message.values) this.setReceived(id, value);

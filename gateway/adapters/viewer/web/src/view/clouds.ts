@@ -2,7 +2,7 @@
 
 import { BufferAttribute, type Points, type Material as ThreeMaterial } from "three";
 import type { TreeNode } from "../model";
-import type { Draw, MeshPayload, Part } from "../protocol";
+import type { Draw, MeshPayload, PagePart } from "../protocol";
 import { addressOf, channelPath } from "../recorded/resources";
 import { chunkOf } from "./geometries";
 import type { Materials } from "./materials";
@@ -71,7 +71,7 @@ export interface CloudLook {
 }
 
 /** Return the choices for the colours of a cloud: value of `by` and label. */
-export function colorChoices(part: Part): [string, string][] {
+export function colorChoices(part: PagePart): [string, string][] {
   const channels = Object.entries(part.channels ?? {}).flatMap(([name, width]): [string, string][] =>
     width <= 1 ? [[name, name]] : Array.from({ length: width }, (_, i) => [`${name}:${i}`, `${name} [${i}]`]),
   );

@@ -2,7 +2,7 @@
 
 import * as THREE from "three";
 import { LineMaterial } from "three/addons/lines/LineMaterial.js";
-import type { Material, TextureUse } from "../protocol";
+import type { PageMaterial, TextureUse } from "../protocol";
 import type { PointSize } from "../tools/pointsize";
 import { BEFORE_SURFACE, patch, SIZE_IN_METRES } from "./shaders";
 import type { Stage } from "./stage";
@@ -33,13 +33,13 @@ export class Materials {
   }
 
   /** Return the key of a batch: all properties but the colour. */
-  key(material: Material, vertexColors: boolean): string {
+  key(material: PageMaterial, vertexColors: boolean): string {
     const { color: _, ...rest } = material;
     return JSON.stringify(rest) + (vertexColors ? "v" : "");
   }
 
   /** Return a material for a draw, whose node has an opacity. Must be released with `release`. */
-  acquire(kind: MaterialKind, material: Material, vertexColors: boolean, opacity = 1): THREE.Material {
+  acquire(kind: MaterialKind, material: PageMaterial, vertexColors: boolean, opacity = 1): THREE.Material {
     const key = `${kind} ${this.key(material, vertexColors)} ${kind === "opaque" ? "" : [material.color, opacity]}`;
     let shared = this.shared.get(key);
     if (!shared) {
@@ -108,7 +108,7 @@ export class Materials {
     return material;
   }
 
-  private create(kind: MaterialKind, material: Material, vertexColors: boolean): THREE.Material & { color: THREE.Color } {
+  private create(kind: MaterialKind, material: PageMaterial, vertexColors: boolean): THREE.Material & { color: THREE.Color } {
     const points = { vertexColors, sizeAttenuation: false, userData: { size: material.pointSize ?? 1 } };
     if (kind === "line") return patch(new THREE.LineBasicMaterial({ vertexColors }), BEFORE_SURFACE);
     if (kind === "wideLine") return patch(new LineMaterial({ vertexColors, linewidth: material.lineWidth ?? 1 }), BEFORE_SURFACE);
@@ -120,7 +120,7 @@ export class Materials {
    * Return the material of triangles. Metals reflect the environment map: without it, they would be black. Others do without,
    * because it takes four fifths of the time to draw without a GPU; without highlights, they have a cheaper shader.
    */
-  private surface(material: Material, vertexColors: boolean): THREE.MeshStandardMaterial | THREE.MeshLambertMaterial | THREE.MeshBasicMaterial {
+  private surface(material: PageMaterial, vertexColors: boolean): THREE.MeshStandardMaterial | THREE.MeshLambertMaterial | THREE.MeshBasicMaterial {
     const { metallic = 0, roughness = 1, normalScale = 1, alpha, cutoff = 0.5 } = material;
     const colors = (use?: TextureUse) => this.textures.get(use, THREE.SRGBColorSpace);
     const values = (use?: TextureUse) => this.textures.get(use, THREE.NoColorSpace);
@@ -159,7 +159,7 @@ export class Materials {
 }
 
 /** Set the colour of a draw and, if its node or its colour is translucent, the opacity. */
-function color(made: THREE.Material & { color: THREE.Color }, material: Material, nodeOpacity: number, blended: boolean): void {
+function color(made: THREE.Material & { color: THREE.Color }, material: PageMaterial, nodeOpacity: number, blended: boolean): void {
   const [r, g, b, alpha] = material.color;
   made.color.setRGB(r, g, b, THREE.SRGBColorSpace);
   const opacity = alpha * nodeOpacity;
