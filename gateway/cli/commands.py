@@ -10,6 +10,7 @@ from gateway.cli.export import export
 from gateway.cli.render import add_render
 from gateway.cli.serve import add_serve
 from gateway.cli.view import view
+from scenegate.cli.output import print_line
 
 app = typer.Typer(
     name="scenegate",
@@ -28,7 +29,7 @@ def warmup() -> None:
 
     folder = configure()
     ensure_compiled(show=True)
-    typer.echo(f"The {cache_folder.count()} rendering kernels are in {folder}.")
+    print_line(f"The {cache_folder.count()} rendering kernels are in {folder}.")
 
 
 def doctor() -> None:

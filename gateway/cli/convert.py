@@ -8,6 +8,7 @@ from typing import Annotated, Literal
 import typer
 
 from gateway.cli.log_files import MeshRoot, open_log_file, print_warnings
+from scenegate.cli.output import print_note
 
 
 def convert(
@@ -35,5 +36,5 @@ def convert(
         with progress_bar("Converting", "messages", timeline.summary.file_bytes) as bar:
             converted = asyncio.run(convert_log(timeline, out, profile, bar.update))
     counts = f"{converted.read} messages of the scene, {converted.written} written, {converted.bytes} bytes"
-    typer.echo(f"{out}: {counts}", err=True)
+    print_note(f"{out}: {counts}")
     print_warnings(log, converted.warnings)

@@ -7,6 +7,8 @@ from typing import Annotated, Final, Literal
 
 import typer
 
+from scenegate.cli.output import print_line, print_note
+
 app = typer.Typer(help="Commands for datasets written by `scenegate render`, and for scenarios.", no_args_is_help=True)
 MAX_SHOWN: Final = 100
 """Maximum number of problems and of notes that are printed; the others are counted."""
@@ -37,7 +39,7 @@ def track(
     ensure_compiled(show=True)
     table = track_csv_of_log(log, path)
     out.write_text(table, "utf-8")
-    typer.echo(f"{out}: {table.count(chr(10)) - 1} poses", err=True)
+    print_note(f"{out}: {table.count(chr(10)) - 1} poses")
 
 
 @app.command()
@@ -56,10 +58,10 @@ def check(
         )
     for start, what, lines in (("note", "notes", report.notes), ("scenegate", "problems", report.problems)):
         for line in lines[:MAX_SHOWN]:
-            typer.echo(f"{start}: {line}", err=True)
+            print_note(f"{start}: {line}")
         if len(lines) > MAX_SHOWN:
-            typer.echo(f"... and {len(lines) - MAX_SHOWN} more {what}", err=True)
-    typer.echo(
+            print_note(f"... and {len(lines) - MAX_SHOWN} more {what}")
+    print_line(
         f"{folder}: {report.samples} samples of {report.scenes} scenes, {report.images} images, "
         f"{report.image_bytes / 1e6:.1f} MB, {len(report.problems)} problems"
     )
@@ -87,7 +89,7 @@ def export_dataset(folder: Path, destination: Path, format_name: ExportFormat, *
     with progress_bar("Exporting", f"of {len(dataset)} samples", len(dataset)) as bar:
         is_new = write(dataset, destination, format_name, lambda done: bar.update(done, done), replace=replace)
     earlier = "" if is_new else ", exported before"
-    typer.echo(f"{destination}: {len(dataset)} samples as {format_name}{earlier}", err=True)
+    print_note(f"{destination}: {len(dataset)} samples as {format_name}{earlier}")
 
 
 @app.command()
@@ -108,4 +110,4 @@ def show(
         raise ValueError(f"{path}: the file must end with .html")
     page = contact_sheet(Dataset(folder), samples).encode()
     write_atomically(path, page)
-    typer.echo(f"{path}: {len(page) / 1e6:.1f} MB", err=True)
+    print_note(f"{path}: {len(page) / 1e6:.1f} MB")

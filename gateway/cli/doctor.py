@@ -10,6 +10,7 @@ from collections import Counter
 from collections.abc import Iterable, Iterator
 
 from gateway.runtime.installation import Finding, Verdict, installation_findings
+from scenegate.printable import printable
 
 _STYLE = {Verdict.OK: "green", Verdict.NOTE: "yellow", Verdict.ERROR: "red"}
 SERVER_OF_SETTING = {
@@ -84,4 +85,4 @@ def _print_table(found: Iterable[Finding]) -> None:
 def _description(finding: Finding) -> str:
     """Return detail, meaning and remedy, one line each."""
     remedy = f"To do: {finding.remedy}" if finding.remedy else ""
-    return "\n".join(line for line in (finding.detail, finding.meaning, remedy) if line)
+    return "\n".join(printable(line) for line in (finding.detail, finding.meaning, remedy) if line)

@@ -10,6 +10,7 @@ import msgspec
 import typer
 
 from gateway.cli.log_files import MeshRoot, open_log_file, print_warnings
+from scenegate.cli.output import print_note
 
 if TYPE_CHECKING:
     from gateway.scene.tree.timeline import Timeline
@@ -86,7 +87,7 @@ def export(
         data = asyncio.run(_section_of_log(Path(source), start or 0.0, duration, rate, mesh_root))
     write_atomically(out, data)
     print_warnings(out, _warnings(data) if is_gltf else ())
-    typer.echo(f"{out}: {len(data) / 1e6:.1f} MB", err=True)
+    print_note(f"{out}: {len(data) / 1e6:.1f} MB")
 
 
 async def _moment_of_log(log: Path, start: float | None, mesh_root: str) -> bytes:

@@ -8,6 +8,8 @@ from typing import TYPE_CHECKING, Annotated, Any, TypeAlias
 
 import typer
 
+from scenegate.cli.output import print_note
+
 if TYPE_CHECKING:
     from gateway.replay.timeline import LogTimeline
     from gateway.runtime.settings import Settings
@@ -61,4 +63,4 @@ def load_settings(values: dict[str, Any]) -> Settings:
 def print_warnings(path: Path, sentences: Iterable[str]) -> None:
     """Print sentences about what of a log is not shown."""
     for sentence in sentences:
-        typer.echo(f"{path}: {sentence}", err=True)
+        print_note(f"{path}: {sentence}")

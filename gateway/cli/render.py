@@ -12,6 +12,7 @@ from msgspec.structs import replace
 
 from gateway.cli.dataset import MAX_SHOWN, ExportFormat, export_dataset
 from gateway.cli.render_options import RenderOptions
+from scenegate.cli.output import print_note
 
 if TYPE_CHECKING:
     from gateway.datasets.classes import ClassTable
@@ -128,7 +129,7 @@ def _check_options(options: RenderOptions, types: tuple[ImageType, ...], *, is_i
         check_types(types, name)
         check_destination(options.out / name, options.out, name, replace=True)
     if options.rig is not None and options.look not in ("auto", "studio"):
-        typer.echo(f"--rig lights the studio look only: --look {options.look} is rendered without it", err=True)
+        print_note(f"--rig lights the studio look only: --look {options.look} is rendered without it")
     parse_joints(options.joint or ())
     return formats
 
@@ -230,7 +231,7 @@ def _report_unseen_classes(out: Path) -> None:
             return
     names = [*unseen.values()][:MAX_SHOWN]
     more = f" and {len(unseen) - len(names)} more" if len(unseen) > len(names) else ""
-    typer.echo(f"--classes: no image has an object of {', '.join(names)}{more}", err=True)
+    print_note(f"--classes: no image has an object of {', '.join(names)}{more}")
 
 
 def _parse_color(text: str) -> tuple[int, int, int]:

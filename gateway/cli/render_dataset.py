@@ -15,6 +15,7 @@ from gateway.datasets.job import Job, Result
 from gateway.datasets.local_tasks import run_local
 from gateway.datasets.ray_tasks import run_ray
 from gateway.datasets.run import Progress, run
+from scenegate.cli.output import print_note
 from scenegate.cli.progress_bar import clock_text, progress_bar
 from scenegate.datasets import manifest
 
@@ -38,7 +39,7 @@ def render_dataset(job: Job, cores: int, ray: str | None) -> bool:
     try:
         progress = _run_with_progress(job, execute)
     except KeyboardInterrupt:
-        typer.echo("Stopped. The same command goes on from here.", err=True)
+        print_note("Stopped. The same command goes on from here.")
         raise typer.Exit(130) from None
     _print_result(job.out, progress, time.monotonic() - begin)
     return not progress.failures
@@ -57,23 +58,22 @@ def _run_with_progress(job: Job, execute: partial[Iterator[Result]]) -> Progress
                 logged = time.monotonic()
                 rate = progress.rendered / (logged - begin)
                 left = f", {rate:.1f}/s, {clock_text((progress.total - progress.finished) / rate)} left" if rate else ""
-                typer.echo(f"{progress.finished} of {progress.total} done{left} {note}", err=True)
+                print_note(f"{progress.finished} of {progress.total} done{left} {note}")
 
         return run(job, execute, report)
 
 
 def _print_result(out: Path, progress: Progress, seconds: float) -> None:
     for note in progress.notes:
-        typer.echo(f"{out}: {note}", err=True)
+        print_note(f"{out}: {note}")
     for name, warnings in sorted(progress.warnings.items()):
         for warning in warnings:
-            typer.echo(f"{name}: {warning}", err=True)
+            print_note(f"{name}: {warning}")
     for failure in progress.failures:
         where = failure.scene if failure.view is None else f"{failure.scene}, {failure.view}"
-        typer.echo(f"scenegate: {where}: {failure.reason}", err=True)
+        print_note(f"scenegate: {where}: {failure.reason}")
     problems = f"; {len(progress.failures)} problems, see {manifest.FAILURES_FILE}" if progress.failures else ""
-    typer.echo(
+    print_note(
         f"{out}: {progress.finished} of {progress.total} samples, {progress.kept} of them from before, "
-        f"{progress.rendered} rendered in {seconds:.1f} s{problems}",
-        err=True,
+        f"{progress.rendered} rendered in {seconds:.1f} s{problems}"
     )

@@ -4,14 +4,13 @@ from __future__ import annotations
 
 from pathlib import Path
 
-import typer
-
 from gateway.datasets.rendering import IMAGE_FORMATS, OUTPUTS, render_images, rig_warning, style_of
 from gateway.datasets.scene_sources import SourceKind, find_sources
 from gateway.datasets.scenes import SceneError, load_options, load_scene
 from gateway.datasets.views import View, camera_of
 from renderers.raster import CpuRenderer
 from renderers.stop import run_within
+from scenegate.cli.output import print_note
 from scenegate.datasets import manifest
 from scenegate.datasets.manifest import Settings
 
@@ -61,4 +60,4 @@ def _render_image(path: Path, out: Path, settings: Settings, views: tuple[View, 
         out.with_suffix(".labels.json").write_bytes(manifest.encode_indented(scene.description.labels))
     for warning in (*scene.description.warnings, rig_warning(scene, settings)):
         if warning is not None:
-            typer.echo(f"{path}: {warning}", err=True)
+            print_note(f"{path}: {warning}")

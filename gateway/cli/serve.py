@@ -16,6 +16,7 @@ from rich.markup import escape
 from gateway.cli import first_line
 from gateway.runtime.settings import Settings, SettingsError, load, unknown_environment
 from gateway.runtime.settings.option import default_of, flag_of, group_of, metavar_of, second_flag_of
+from scenegate.cli.output import print_note
 
 HELP = """Serve all protocols until SIGTERM or Ctrl+C.
 
@@ -42,7 +43,7 @@ def add_serve(app: typer.Typer) -> None:
         try:
             settings = load(given, config)
         except SettingsError as error:
-            typer.echo(f"scenegate: {error}", err=True)
+            print_note(f"scenegate: {error}")
             raise typer.Exit(2) from None
         end(run(settings))
 

@@ -9,6 +9,7 @@ from typing import Annotated, Final
 import typer
 
 from gateway.cli.log_files import MeshRoot, load_settings, open_log_file, print_warnings
+from scenegate.cli.output import print_note
 
 HOST: Final = "127.0.0.1"
 """Loopback: the log may name mesh files of this machine."""
@@ -51,7 +52,7 @@ def view(
 
             app = create_app(settings, log=LogService(timeline, on_progress))
             url = f"http://{HOST}:{listener.getsockname()[1]}/view"
-            typer.echo(f"{log} is at {url} until Ctrl+C.", err=True)
+            print_note(f"{log} is at {url} until Ctrl+C.")
             if open_page:
                 typer.launch(url)
             code = serve_app(app, listener)

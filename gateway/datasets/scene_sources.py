@@ -15,6 +15,7 @@ from gateway.datasets.scenario.catalogue import read_catalogue
 from gateway.datasets.views import View, scene_views
 from gateway.files.robots.scene_files import AMBIGUOUS_SUFFIXES, FOLDER_SUFFIXES
 from scenegate.datasets import manifest
+from scenegate.printable import printable
 
 
 class SourceKind(Enum):
@@ -63,7 +64,7 @@ class Source:
     @property
     def printable_name(self) -> str:
         """The name without control characters."""
-        return self.name if self.name.isprintable() else repr(self.name)[1:-1]
+        return printable(self.name)
 
 
 def find_scenes(

@@ -14,7 +14,9 @@ from importlib.metadata import entry_points
 from typing import Final
 
 from scenegate.cli import standard_streams
+from scenegate.cli.output import ArgumentParser
 from scenegate.name_hint import name_hint
+from scenegate.printable import printable
 
 CLIENT_COMMANDS: Final = {
     "publish": ("scenegate.cli.publish", "Publish a file at a path of a viewer's live scene."),
@@ -75,13 +77,13 @@ def main(arguments: Sequence[str] | None = None) -> None:
     except (OSError, ValueError, RuntimeError, ImportError) as error:
         if isinstance(error, BrokenPipeError) and standard_streams.reader_has_ended():  # as in ``scenegate … | head``
             sys.exit(1)
-        sys.exit(f"scenegate: {_sentence(error)}")
+        sys.exit(printable(f"scenegate: {_sentence(error)}"))
 
 
 def command_parser(name: str) -> argparse.ArgumentParser:
     """Return the parser of a command of the client."""
     module, description = CLIENT_COMMANDS[name]
-    parser = argparse.ArgumentParser(f"scenegate {name}", description=description, allow_abbrev=False)
+    parser = ArgumentParser(f"scenegate {name}", description=description, allow_abbrev=False)
     import_module(module).add_arguments(parser)
     return parser
 
@@ -91,7 +93,7 @@ def _parser() -> argparse.ArgumentParser:
     from scenegate import __version__
 
     helps = {name: text for name, (_, text) in CLIENT_COMMANDS.items()} | SERVER_COMMANDS
-    parser = argparse.ArgumentParser(
+    parser = ArgumentParser(
         "scenegate",
         description="Drake's glTF render server, an rc_visard stereo camera and Director's tree viewer, on one scene.",
         epilog="serve, view, render, export, dataset, convert, doctor, warmup need the server: pip install scenegate",

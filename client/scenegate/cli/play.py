@@ -5,10 +5,10 @@ from __future__ import annotations
 import argparse
 import asyncio
 import logging
-import sys
 from typing import Final
 
 from scenegate.cli.options import add_channels, add_lcm_url, at_least, existing_file
+from scenegate.cli.output import print_note
 from scenegate.cli.progress_bar import progress_bar
 from scenegate.cli.record import run_with_bar
 from scenegate.lcm import replay
@@ -54,4 +54,4 @@ def run(options: argparse.Namespace) -> None:
         raise ValueError(f"{log}: {error}") from None
     except KeyboardInterrupt:
         pass
-    print(f"{log}: {progress.events} messages played, {progress.data_bytes} bytes", file=sys.stderr)
+    print_note(f"{log}: {progress.events} messages played, {progress.data_bytes} bytes")

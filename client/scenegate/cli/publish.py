@@ -7,13 +7,13 @@ import contextlib
 import json
 import logging
 import signal
-import sys
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any, Final
 
 from scenegate.cli.options import add_lcm_url, at_least, existing_file, existing_folder
+from scenegate.cli.output import print_line, print_note
 from scenegate.messages.changes import Changes, Entry, path_of
 from scenegate.messages.changes import Path as NodePath
 from scenegate.messages.mesh_file import MeshFile
@@ -118,7 +118,7 @@ def _publish_robot(options: argparse.Namespace, top: NodePath) -> None:
         if robot.drawn_count == 0 and (robot.warnings or robot.answer.warnings):
             raise ValueError(f"{source}: nothing of the robot is drawn")
         if options.sliders and _add_sliders(viewer, robot) is not None:
-            print("The page shows a slider for each joint, until Ctrl+C.", file=sys.stderr, flush=True)
+            print_note("The page shows a slider for each joint, until Ctrl+C.")
             while True:  # not an event: on Windows, Ctrl+C does not interrupt waiting for one
                 time.sleep(1.0)
 
@@ -180,7 +180,7 @@ def _publish_on_change(
         try:
             robot = publish_robot(viewer)
         except (ValueError, ImportError) as error:
-            print(str(error), file=sys.stderr)
+            print_note(str(error))
             continue
         _print_robot(source, robot)
         if with_sliders:
@@ -201,7 +201,7 @@ def _add_sliders(viewer: TreeViewer, robot: PublishedRobot) -> JointSliders | No
         viewer.controls.delete()
         sliders = viewer.controls.add_joint_sliders(robot)
     except (TreeViewerError, ValueError) as error:
-        print(f"no sliders: {error}", file=sys.stderr)
+        print_note(f"no sliders: {error}")
         return None
     return sliders if sliders.sliders else None
 
@@ -216,14 +216,14 @@ def _change_time(path: Path) -> float | None:
 
 def _print_robot(source: Path, robot: PublishedRobot) -> None:
     for sentence in (*robot.warnings, *robot.notes):
-        print(f"{source}: {sentence}", file=sys.stderr)
+        print_note(f"{source}: {sentence}")
     _print(robot.answer)
 
 
 def _print(answer: Answer) -> None:
     for warning in answer.warnings:
-        print(warning, file=sys.stderr)
+        print_note(warning)
     for name, paths in (("deleted", answer.deleted), ("set", answer.added), ("moved", answer.transformed)):
         if paths:
             more = f" and {len(paths) - 10} more" if len(paths) > 10 else ""
-            print(f"{name}: {', '.join('/'.join(map(str, path)) or '/' for path in paths[:10])}{more}", flush=True)
+            print_line(f"{name}: {', '.join('/'.join(map(str, path)) or '/' for path in paths[:10])}{more}")

@@ -7,13 +7,13 @@ import asyncio
 import contextlib
 import logging
 import signal
-import sys
 from collections.abc import Callable, Coroutine
 from pathlib import Path
 from typing import Any, Final
 
 from scenegate.cli import record_mcap
 from scenegate.cli.options import add_channels, add_lcm_url, at_least
+from scenegate.cli.output import print_note
 from scenegate.cli.progress_bar import progress_bar
 from scenegate.lcm import replay
 
@@ -57,14 +57,14 @@ def run(options: argparse.Namespace) -> None:
 
             def announce_start() -> None:
                 if not bar.shown:  # the bar says it on a terminal
-                    print("Recording ...", file=sys.stderr, flush=True)
+                    print_note("Recording ...")
 
             recording = replay.record(options.out, options.lcm_url, options.channels, progress, stop, announce_start)
             await run_with_bar(recording, lambda: bar.update(loop.time() - begin, progress.events))
 
     with contextlib.suppress(KeyboardInterrupt):
         asyncio.run(record_log())
-    print(f"{options.out}: {progress.events} messages, {progress.data_bytes} bytes", file=sys.stderr)
+    print_note(f"{options.out}: {progress.events} messages, {progress.data_bytes} bytes")
 
 
 async def run_with_bar(work: Coroutine[Any, Any, None], update_bar: Callable[[], None]) -> None:

@@ -5,13 +5,13 @@ from __future__ import annotations
 import argparse
 import importlib
 import signal
-import sys
 import threading
 import time
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
 from scenegate.cli.options import add_access, at_least, pop_credentials
+from scenegate.cli.output import print_note
 from scenegate.cli.progress_bar import progress_bar
 
 if TYPE_CHECKING:
@@ -81,7 +81,7 @@ def run(options: argparse.Namespace) -> None:
         timer.start()
     begin = time.monotonic()
     shown: set[str] = set()
-    print("Recording ...", file=sys.stderr, flush=True)
+    print_note("Recording ...")
     with progress_bar("Recording", "messages", options.seconds or None) as bar:
 
         def report(writer: SceneWriter) -> None:
@@ -90,11 +90,11 @@ def run(options: argparse.Namespace) -> None:
             for warning in writer.warnings:
                 if warning not in shown:
                     shown.add(warning)
-                    print(f"scenegate: {warning}", file=sys.stderr)
+                    print_note(f"scenegate: {warning}")
 
         writer = record(recording, stop, report)
     files = ", ".join(map(str, writer.files.paths))
-    print(f"{files}: {writer.files.messages} messages, {writer.files.bytes} bytes", file=sys.stderr)
+    print_note(f"{files}: {writer.files.messages} messages, {writer.files.bytes} bytes")
 
 
 def check_packages() -> None:

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import argparse
 import contextlib
-import sys
 from pathlib import Path
 
 from scenegate.cli.options import add_access, at_least, pop_credentials
+from scenegate.cli.output import print_note
 from scenegate.cli.progress_bar import progress_bar
 
 
@@ -76,7 +76,7 @@ def run(options: argparse.Namespace) -> None:
             newest = progress
             bar.update(progress.sets, count=progress.sets, note=f"newest {progress.timestamp}")
             if not bar.shown and progress.second_passed():
-                print(progress.line(), file=sys.stderr)
+                print_note(progress.line())
 
         newest = receive_all(stream, report)
-    print(newest.line(), file=sys.stderr)
+    print_note(newest.line())

@@ -5,12 +5,14 @@ from __future__ import annotations
 import logging
 import os
 import sys
-from typing import Literal
+import traceback
+from typing import Literal, TextIO
 
 import structlog
-from structlog.typing import EventDict, Processor
+from structlog.typing import EventDict, ExcInfo, Processor
 
 from gateway.runtime.logs.recent_logs import stereo_log
+from scenegate.printable import printable
 
 Format = Literal["auto", "human", "json"]
 
@@ -55,7 +57,8 @@ def configure(
     last: list[Processor]
     if human:
         colors = sys.stderr.isatty() and not os.environ.get("NO_COLOR") and os.environ.get("TERM") != "dumb"
-        last = [structlog.dev.ConsoleRenderer(colors=colors, pad_event_to=0)]
+        renderer = structlog.dev.ConsoleRenderer(colors=colors, pad_event_to=0, exception_formatter=_write_traceback)
+        last = [_escape_text, renderer]
     else:
         last = [structlog.processors.format_exc_info, structlog.processors.JSONRenderer()]
     handler = logging.StreamHandler(sys.stderr)
@@ -88,3 +91,14 @@ def configure(
         wrapper_class=structlog.stdlib.BoundLogger,
         cache_logger_on_first_use=False,
     )
+
+
+def _escape_text(_logger: object, _method: str, event: EventDict) -> EventDict:
+    """Escape text of clients and files, which could steer a terminal or begin a line."""
+    return {key: printable(value) if isinstance(value, str) else value for key, value in event.items()}
+
+
+def _write_traceback(out: TextIO, exc_info: ExcInfo) -> None:
+    """Write a traceback, indented so that its text cannot look like a log line, and without local variables."""
+    lines = "".join(traceback.format_exception(*exc_info)).split("\n")
+    out.write("".join(f"\n  {printable(line)}" for line in lines))

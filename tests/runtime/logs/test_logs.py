@@ -143,6 +143,21 @@ def test_human_lines_start_with_the_time(capsys: pytest.CaptureFixture[str]) -> 
     assert not line.startswith("{")
 
 
+def test_text_of_clients_is_escaped_for_people(capsys: pytest.CaptureFixture[str]) -> None:
+    log_setup.configure("human", "info")
+    channel = "\x1b[31mred\r\nFAKE"
+    structlog.get_logger().warning(f"unknown {channel}", channel=channel, bare="\x1b")
+    logging.getLogger("some.library").warning("%s left", channel)
+    try:
+        raise ValueError(channel)
+    except ValueError:
+        structlog.get_logger().exception("failed")
+    lines = capsys.readouterr().err.split("\n")
+    assert all(line.isprintable() for line in lines)
+    assert not any(line.startswith("FAKE") for line in lines)
+    assert sum(r"\x1b[31mred\r" in line for line in lines) == 3
+
+
 def test_an_exception_stays_one_line(capsys: pytest.CaptureFixture[str]) -> None:
     log_setup.configure("json", "info")
     try:
