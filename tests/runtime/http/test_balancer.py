@@ -22,7 +22,7 @@ from bench.gateways import Answer, gateway, post
 from bench.render_requests import textured
 from tests.support.waiting import wait_until
 
-CONFIG = Path(__file__).parents[2] / "deploy" / "haproxy" / "haproxy.cfg"
+CONFIG = Path(__file__).parents[3] / "deploy" / "haproxy" / "haproxy.cfg"
 FLAGS = ("--only", "render", "--threads", "1", "--queue", "16")
 CLIENTS = 8
 
