@@ -124,8 +124,9 @@ def _check_multicast() -> Finding:
             sock.connect(_LCM_ADDRESS)
         except OSError as error:
             meaning = "LCM messages over UDP neither arrive nor leave; TCPQ works."
-            remedy = "sudo ip link set lo multicast on; sudo ip route add 224.0.0.0/4 dev lo"
-            return Finding("multicast", Verdict.NOTE, f"no route, {error.strerror}", meaning, remedy)
+            return Finding(
+                "multicast", Verdict.NOTE, f"no route, {error.strerror}", meaning, udpm_socket.ROUTE_COMMANDS
+            )
         return Finding("multicast", Verdict.OK, f"leaves by {sock.getsockname()[0]}")
 
 

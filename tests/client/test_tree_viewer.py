@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import os
 import socket
 import subprocess
 import sys
@@ -315,6 +316,31 @@ def test_ignores_foreign_messages() -> None:
             tree_viewer["a"].set(Sphere(1))
         assert threads
         assert all(thread.is_alive() for thread in threads)
+
+
+FORK = """
+import os, sys
+from scenegate import Box, TreeViewer
+with TreeViewer(sys.argv[1]) as viewer:
+    if (child := os.fork()) == 0:
+        try:
+            viewer["a"].set(Box((1, 1, 1)))
+        except ConnectionError as error:
+            os.write(1, str(error).encode())
+        os._exit(0)
+    os.waitpid(child, 0)
+    viewer["b"].set(Box((1, 1, 1)))
+"""
+
+
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="this system cannot fork")
+async def test_a_forked_child_is_told_at_once() -> None:
+    live = LiveTree()
+    async with serving(live=live) as service:
+        command = [sys.executable, "-W", "ignore", "-c", FORK, hub_of(service)]
+        done = await in_thread(lambda: subprocess.run(command, capture_output=True, text=True, check=True))
+        assert "fork" in done.stdout
+        assert paths(live) == {("b",)}
 
 
 def test_imports_nothing_of_the_server_and_no_extra() -> None:

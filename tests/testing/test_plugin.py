@@ -25,7 +25,9 @@ def example() -> str:
 
 
 @pytest.mark.slow
-def test_example_of_the_documentation(pytester: pytest.Pytester) -> None:
+def test_example_of_the_documentation(pytester: pytest.Pytester, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Also where HTTP goes through a proxy, which is out of reach here."""
+    monkeypatch.setenv("http_proxy", "http://127.0.0.1:9")
     pytester.makepyfile(test_cell=example())
     pytester.runpytest_subprocess(*ARGUMENTS, timeout=SECONDS).assert_outcomes(passed=3)
 

@@ -25,7 +25,9 @@ from scenegate.lcm.url import UdpmUrl
 
 _log = logging.getLogger("scenegate.lcm")
 
-ROUTE_HINT: Final = "there may be no route for multicast; on one machine 'ip route add 224.0.0.0/4 dev lo' adds one"
+ROUTE_COMMANDS: Final = "sudo ip link set lo multicast on; sudo ip route add 224.0.0.0/4 dev lo"
+"""Commands that let multicast pass between the programs of one machine without a network."""
+ROUTE_HINT: Final = f"there may be no route for multicast; on one machine, add one: {ROUTE_COMMANDS}"
 SELF_TEST_CHANNEL: Final = b"LCM_SELF_TEST"
 """Channel of liblcm's own self test."""
 SELF_TEST_SECONDS: Final = 2.0

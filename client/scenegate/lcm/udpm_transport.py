@@ -153,12 +153,13 @@ class UdpmTransport:
     def _is_own(self, address: str) -> bool:
         """Return True if an address is one of this machine's.
 
-        Linux drops packets of other machines with such a source address, except with the setting ``accept_local``.
+        Linux drops packets of other machines with such a source address, except with the setting ``accept_local``. The
+        source is 0.0.0.0 where loopback is the only interface and the route has no ``src``.
         """
         now = time.monotonic()
         if now - self._listed_at >= ADDRESS_SECONDS:
             self._own_addresses, self._listed_at = udpm_socket.own_addresses(self._receiver), now
-        return address in self._own_addresses or address.startswith("127.")
+        return address in self._own_addresses or address == "0.0.0.0" or address.startswith("127.")  # noqa: S104
 
     def _count_foreign(self, address: str) -> None:
         """Count a dropped datagram of another machine, and log the first one with the setting that receives them."""

@@ -42,12 +42,20 @@ def pytest_configure(config: pytest.Config) -> None:
 
 @pytest.fixture(scope="session")
 def scenegate_pool(pytestconfig: pytest.Config, tmp_path_factory: pytest.TempPathFactory) -> Iterator[GatewayPool]:
-    """The gateways of the test session, one per set of flags. They are stopped when the session ends."""
+    """The gateways of the test session, one per set of flags. They are stopped when the session ends.
+
+    Until then ``no_proxy`` excludes this machine, for every HTTP and gRPC client of the tests.
+    """
     from scenegate.testing.gateway import GatewayPool
 
-    pool = GatewayPool(lambda: tmp_path_factory.mktemp("scenegate"), float(pytestconfig.getini("scenegate_seconds")))
-    yield pool
-    pool.close()
+    with pytest.MonkeyPatch.context() as environment:
+        for name in ("no_proxy", "NO_PROXY"):
+            environment.setenv(name, "127.0.0.1,localhost", prepend=",")
+        pool = GatewayPool(
+            lambda: tmp_path_factory.mktemp("scenegate"), float(pytestconfig.getini("scenegate_seconds"))
+        )
+        yield pool
+        pool.close()
 
 
 @pytest.fixture

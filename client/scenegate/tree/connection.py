@@ -70,6 +70,8 @@ class LcmConnection:
                 raise ConnectionError(f"no connection to the LCM hub {self.url}: {self.problem}")
             if self._closed:
                 raise ConnectionError("this viewer was closed")
+            if not self._thread.is_alive():
+                raise ConnectionError("connections do not survive a fork: connect in the child process")
             self._loop.call_soon_threadsafe(self._send, channel, message, failed)
 
     def run_in_turn(self, calls: Iterable[Callable[[], None]]) -> None:

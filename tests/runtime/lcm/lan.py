@@ -1,4 +1,4 @@
-"""A machine on a LAN and another one, as two network namespaces: ``unshare -Urn python -m tests.lcm.lan``.
+"""A machine on a LAN and another one, as two network namespaces: ``unshare -Urn python -m tests.runtime.lcm.lan``.
 
 The first one receives with ttl=0. Prints what it has received, and its counters, as JSON.
 """
@@ -66,7 +66,7 @@ async def receive(other: int) -> dict[str, object]:
 def send() -> None:
     """Send datagrams of this machine, and frames that claim to come from the other one."""
     sock = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-    for source in (OURS, "127.0.0.1", THEIRS):
+    for source in (OURS, "127.0.0.1", "0.0.0.0", THEIRS):  # the kernel drops the first three
         send_frame(source, datagram(source))
     sock.sendto(datagram("other"), (GROUP, PORT))
 

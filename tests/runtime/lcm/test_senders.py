@@ -12,6 +12,7 @@ import pytest
 from gateway.runtime.lcm.config import LcmConfig
 from gateway.runtime.lcm.tcpq_hub import TcpqHub
 from scenegate.lcm.tcpq_transport import TcpqTransport
+from scenegate.lcm.udpm_socket import ROUTE_COMMANDS
 from scenegate.lcm.udpm_transport import UdpmTransport
 from tests.adapters.treeviewer.transports import HubClient
 from tests.support.ports import free_ports
@@ -38,6 +39,37 @@ def test_a_machine_on_the_lan_changes_nothing_with_ttl_0() -> None:
     logged = [text for text in result["logs"] if "other machines" in text]
     assert len(logged) == 1
     assert "--lcm-url 'udpm://239.255.76.67:7667?ttl=1' receives them" in logged[0]
+
+
+LAPTOP = """
+import asyncio, sys
+from gateway.runtime.lcm.config import LcmConfig
+from scenegate.lcm.udpm_socket import ROUTE_COMMANDS
+from scenegate.lcm.udpm_transport import UdpmTransport
+from tests.support.waiting import until
+
+async def main():
+    received = []
+    transport = UdpmTransport("udpm://239.255.76.67:7667?ttl=0", ("c",), LcmConfig(), 1 << 20)
+    transport.start(lambda message: received.append(message.is_local), lambda: None)
+    transport.publish("c", b"x")
+    await until(lambda: received or transport.foreign)
+    await transport.close()
+    print(received, transport.foreign)
+
+asyncio.run(main())
+"""
+
+
+@pytest.mark.slow
+def test_loopback_alone_suffices_with_the_advised_route() -> None:
+    """Datagrams have the source 0.0.0.0 there."""
+    setup = f"ip link set lo up; {ROUTE_COMMANDS.replace('sudo ', '')}; exec {sys.executable} -c '{LAPTOP}'"
+    can = subprocess.run(["unshare", "-Urn", "ip", "link", "set", "lo", "up"], check=False, capture_output=True)
+    if can.returncode:
+        pytest.skip("this system creates no network namespaces")
+    done = subprocess.run(["unshare", "-Urn", "sh", "-ec", setup], check=True, capture_output=True, timeout=SECONDS)
+    assert done.stdout == b"[True] 0\n"
 
 
 @pytest.mark.lcm
