@@ -18,7 +18,7 @@ from renderers.interface import Frame, Look, Output, Renderer
 from renderers.raster.layout import MAX_SIDE
 from renderers.stop import check_stop
 from scenegate.datasets.boxes import box_corners, box_of
-from scenegate.datasets.manifest import Masks, ObjectRecord, pose_rows
+from scenegate.datasets.manifest import ObjectRecord, Silhouette, pose_rows
 
 T = TypeVar("T", bound=np.generic)
 
@@ -65,8 +65,8 @@ class Annotations:
     """Objects that are visible, or would be if nothing hid them."""
     instance: NDArray[np.uint16]
     """(H, W): ``ObjectRecord.instance`` in each pixel; 0: none."""
-    masks: Masks
-    """Silhouettes of the objects."""
+    silhouettes: tuple[Silhouette, ...]
+    """Silhouettes of the objects, in the same order; empty without ``with_masks``."""
 
 
 def annotate(
@@ -82,7 +82,7 @@ def annotate(
     instance = scene.instance_of[frame.instance]
     image = _Window(0, 0, camera.width, camera.height)
     records: list[ObjectRecord] = []
-    run_lengths: dict[str, tuple[int, ...]] = {}
+    silhouettes: list[Silhouette] = []
     X_camera_world = camera.X_camera_world
     for item in scene.objects:
         check_stop()
@@ -123,9 +123,9 @@ def annotate(
             )
         )
         if with_masks:
-            run_lengths[str(item.instance)] = _run_lengths(in_image, inside, camera.height, camera.width)
-    masks = Masks(size=(camera.height, camera.width), counts=run_lengths)
-    return Annotations(tuple(records), instance, masks)
+            counts = _run_lengths(in_image, inside, camera.height, camera.width)
+            silhouettes.append(Silhouette(instance=item.instance, size=(camera.height, camera.width), counts=counts))
+    return Annotations(tuple(records), instance, tuple(silhouettes))
 
 
 def _window_of(item: AnnotatedObject, X_camera_object: NDArray[np.float64], camera: Camera) -> tuple[_Window, float]:
@@ -164,7 +164,7 @@ def _draw_alone(
 
 
 def _run_lengths(mask: NDArray[np.bool_], window: _Window, height: int, width: int) -> tuple[int, ...]:
-    """Return ``Masks.counts`` of a mask of a window of an image."""
+    """Return ``Silhouette.counts`` of a mask of a window of an image."""
     columns = np.zeros((window.right - window.left, height), np.bool_)
     columns[:, window.top : window.bottom] = mask.T
     changes = np.flatnonzero(np.diff(columns.ravel(), prepend=False, append=False)) + window.left * height

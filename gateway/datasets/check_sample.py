@@ -21,11 +21,11 @@ from scenegate.datasets.manifest import (
     CameraRecord,
     ImageFile,
     ImageType,
-    Masks,
     ObjectRecord,
     RecordError,
     SampleRecord,
     SceneRecord,
+    Silhouette,
 )
 from scenegate.regular_files import sha256_of
 
@@ -63,17 +63,17 @@ def sample_problems(
             yield f"the {image_type} image is missing in the manifest"
     reader = Sample(folder, sample)
     pixels: dict[ImageType, NDArray[Any]] = {}
-    masks: Masks | None = None
+    silhouettes: Mapping[int, Silhouette] | None = None
     for image_type, image in sample.images.items():
         try:
             _check_file(folder, image)
             if image_type == "amodal":
-                masks = reader.silhouettes
+                silhouettes = reader.silhouettes
             else:
                 pixels[image_type] = _checked_pixels(reader, image_type, scene)
         except RecordError as error:
             yield f"{image.path}: {str(error).removeprefix(f'{folder / image.path}: ')}"
-    yield from _object_problems(sample, description.classes, scene, pixels, masks)
+    yield from _object_problems(sample, description.classes, scene, pixels, silhouettes)
 
 
 def _camera_problems(camera: CameraRecord) -> Iterator[str]:
@@ -119,7 +119,7 @@ def _object_problems(
     classes: Mapping[str, str],
     scene: SceneRecord | None,
     pixels: Mapping[ImageType, NDArray[Any]],
-    masks: Masks | None,
+    silhouettes: Mapping[int, Silhouette] | None,
 ) -> Iterator[str]:
     """Yield the errors of the annotated objects of a sample, as far as its scene and its images can be read."""
     instances = [each.instance for each in sample.objects]
@@ -134,7 +134,7 @@ def _object_problems(
         yield f"the instance image has values without an object: {', '.join(map(str, sorted(unknown)[:5]))}"
     class_of = np.zeros(1 << 16, np.uint16)
     for each in sample.objects:
-        yield from (f"object {each.instance}: {problem}" for problem in _pixel_problems(each, ids, masks))
+        yield from (f"object {each.instance}: {problem}" for problem in _pixel_problems(each, ids, silhouettes))
         class_of[each.instance & 0xFFFF] = each.class_id & 0xFFFF
     if "class" in pixels and (pixels["class"] != class_of[ids]).any():
         yield "the class image does not follow from the instance image"
@@ -174,19 +174,21 @@ def _record_problems(
         yield "visible_fraction is not visible_pixels / amodal_pixels"
 
 
-def _pixel_problems(each: ObjectRecord, ids: NDArray[Any], masks: Masks | None) -> Iterator[str]:
+def _pixel_problems(
+    each: ObjectRecord, ids: NDArray[Any], silhouettes: Mapping[int, Silhouette] | None
+) -> Iterator[str]:
     """Yield the differences between an object and the images of its pixels."""
     visible = ids == each.instance
     if np.count_nonzero(visible) != each.visible_pixels:
         yield f"visible_pixels = {each.visible_pixels}, the instance image has {np.count_nonzero(visible)}"
     if box_of(visible) != each.box_visible:
         yield f"box_visible is {each.box_visible}, that of the instance image is {box_of(visible)}"
-    if masks is None:
+    if silhouettes is None:
         return
-    if str(each.instance) not in masks.counts:
+    if each.instance not in silhouettes:
         yield "it has no silhouette"
         return
-    silhouette = masks.mask(str(each.instance))
+    silhouette = silhouettes[each.instance].mask
     if (visible & ~silhouette).any():
         yield "visible pixels are outside of its silhouette"
     inside = (1.0 - each.truncation) * each.amodal_pixels

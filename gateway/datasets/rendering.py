@@ -181,7 +181,7 @@ def render_sample(
     if "class" in formats:
         images["class"] = png_gray16(inputs.annotated.class_of[found.instance])
     if "amodal" in formats:
-        images["amodal"] = msgspec.json.encode(found.masks)
+        images["amodal"] = msgspec.json.encode(found.silhouettes)
     return images, found.objects
 
 

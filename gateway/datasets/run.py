@@ -37,7 +37,7 @@ CONVENTIONS: Final = {
     "class": "16-bit grey: class_id of an object, named in classes; 0 is none",
     "normal": "8-bit RGB: 128 + 127 x, y, z of the unit normal in the optical frame; 128, 128, 128 is nothing",
     "albedo": "8-bit RGB, sRGB: base colour without light; black is nothing",
-    "amodal": "JSON: run lengths of each object's silhouette down the columns, as COCO's uncompressed RLE",
+    "amodal": "JSON: list of instance, size, counts: each object's silhouette as COCO's uncompressed RLE",
     "flow": "Middlebury .flo: float32 pixels to the right and down, to the next view; beyond 1e9 is not known",
     "stereo": "as color, from the camera at (baseline, 0, 0) in the optical frame, of the same intrinsics",
     "measured": "16-bit grey: millimetres along the optical axis, as stereo_profile measures it; 0 is nothing",

@@ -103,8 +103,12 @@ def _sample(folder: Path, scene: str, view: str, boxes: tuple[Box, ...]) -> Samp
     class_ids = np.array([0, *(box.class_id for box in boxes)], np.uint16)[instance]
     color = np.full((HEIGHT, WIDTH, 3), BACKGROUND, np.uint8)
     color[instance > 0] = np.stack((instance * 60, class_ids * 90, instance * 0), axis=-1)[instance > 0]
-    masks = {str(k): _runs(np.isfinite(mask)) for k, mask in enumerate(depths, 1)}
-    amodal = msgspec.json.encode(manifest.Masks(size=(HEIGHT, WIDTH), counts=masks))
+    amodal = msgspec.json.encode(
+        [
+            manifest.Silhouette(instance=k, size=(HEIGHT, WIDTH), counts=_runs(np.isfinite(mask)))
+            for k, mask in enumerate(depths, 1)
+        ]
+    )
     files: dict[ImageType, tuple[str, bytes]] = {
         "color": ("png", encode_png(color)),
         "depth": ("tiff", _tiff(depth.astype(np.float32))),

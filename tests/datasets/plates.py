@@ -11,7 +11,6 @@ from pathlib import Path
 from typing import Any
 
 import cv2
-import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
@@ -24,7 +23,7 @@ from gateway.files.robots.scene_files import SceneOptions
 from gateway.scene.draw.style import Style
 from renderers.camera import Camera
 from renderers.raster import CpuRenderer
-from scenegate.datasets.manifest import ImageType, Masks, ObjectRecord
+from scenegate.datasets.manifest import ImageType, ObjectRecord, Silhouette, decode_silhouettes
 from tests.files.gltf.builder import Builder, data_uri
 
 WIDTH, HEIGHT, FOCAL = 64, 48, 40.0
@@ -91,13 +90,13 @@ class Seen:
     objects: dict[str, ObjectRecord]
     """By the name of the node."""
     instance: NDArray[np.uint16]
-    masks: Masks
+    silhouettes: dict[int, Silhouette]
     images: dict[ImageType, bytes]
     scene: AnnotatedScene
 
     def mask(self, name: str) -> NDArray[np.bool_]:
         """Return the silhouette of an object."""
-        return self.masks.mask(str(self.objects[name].instance))
+        return self.silhouettes[self.objects[name].instance].mask
 
 
 def see(
@@ -119,7 +118,7 @@ def see(
     return Seen(
         by_name,
         np.asarray(instance, np.uint16),
-        msgspec.json.decode(images["amodal"], type=Masks),
+        decode_silhouettes(images["amodal"], "amodal"),
         images,
         annotated,
     )

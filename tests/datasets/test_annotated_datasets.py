@@ -150,12 +150,13 @@ def change_object(dataset: Path, **values: object) -> None:
     edit(dataset, 0, lambda line: line["objects"][0].update(values))
 
 
-def change_masks(dataset: Path, **counts: list[int]) -> None:
+def change_masks(dataset: Path, *counts: list[int]) -> None:
     """Replace the silhouettes of the first sample, and their hash."""
 
     def change(line: dict[str, dict[str, dict[str, str]]]) -> None:
         path = dataset / line["images"]["amodal"]["path"]
-        path.write_text(json.dumps({"size": [24, 32], "counts": counts}))
+        silhouettes = [{"instance": k, "size": [24, 32], "counts": runs} for k, runs in enumerate(counts, 1)]
+        path.write_text(json.dumps(silhouettes))
         line["images"]["amodal"]["sha256"] = str(sha256_of(path))
 
     edit(dataset, 0, change)
@@ -189,8 +190,8 @@ def change_masks(dataset: Path, **counts: list[int]) -> None:
         (lambda d: replace_image(d, 0, "normal", np.zeros((24, 32, 4), np.uint8)), "a normal image with 4 channels"),
         (lambda d: replace_image(d, 0, "class", np.zeros((24, 32), np.uint16)), "the class image does not follow"),
         (lambda d: change_masks(d), "object 1: it has no silhouette"),
-        (lambda d: change_masks(d, **{"1": [768], "2": [0, 768], "3": [0, 768]}), "outside of its silhouette"),
-        (lambda d: change_masks(d, **{"1": [767]}), "the runs of instance 1 do not fill the image"),
+        (lambda d: change_masks(d, [768], [0, 768], [0, 768]), "outside of its silhouette"),
+        (lambda d: change_masks(d, [767]), "the runs of instance 1 do not fill the image"),
         (
             lambda d: [path.unlink() for path in (d / "models").iterdir()],
             "missing, or its SHA-256 is not that of scene.json",

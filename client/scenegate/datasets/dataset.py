@@ -137,18 +137,19 @@ class Sample:
             RecordError: the sample has no such object, or no amodal masks.
         """
         silhouettes = self.silhouettes
-        if str(instance) not in silhouettes.counts:
+        if instance not in silhouettes:
             raise RecordError(f"{self.id}: there is no mask of instance {instance}")
-        return silhouettes.mask(str(instance))
+        return silhouettes[instance].mask
 
     @property
-    def silhouettes(self) -> manifest.Masks:
-        """Amodal masks of all objects, as run lengths."""
+    def silhouettes(self) -> dict[int, manifest.Silhouette]:
+        """Amodal masks of all objects, as run lengths, by instance."""
         path = self.path("amodal")
-        masks = manifest.decode_masks(self._read_file(path), str(path))
-        height, width = masks.size
-        self._check_size(path, width, height)
-        return masks
+        silhouettes = manifest.decode_silhouettes(self._read_file(path), str(path))
+        for each in silhouettes.values():
+            height, width = each.size
+            self._check_size(path, width, height)
+        return silhouettes
 
     @property
     def rays(self) -> NDArray[np.float64]:

@@ -285,19 +285,21 @@ class SampleRecord(msgspec.Struct, frozen=True, kw_only=True):
     """Annotated objects, by ``instance``. Empty without one of ``ANNOTATED_TYPES``."""
 
 
-class Masks(msgspec.Struct, frozen=True, kw_only=True):
-    """An ``amodal`` file: the silhouettes of the objects in an image, as COCO's uncompressed run-length encoding."""
+class Silhouette(msgspec.Struct, frozen=True, kw_only=True):
+    """An element of an ``amodal`` file: the silhouette of an object in an image, as COCO's uncompressed RLE."""
 
+    instance: int
+    """``ObjectRecord.instance``."""
     size: tuple[int, int]
     """Height and width of the image in pixels."""
-    counts: dict[str, tuple[int, ...]]
-    """Lengths of the runs of pixels outside and inside of the silhouette, alternately, down the columns from left to
-    right; by ``ObjectRecord.instance``, which is written in decimal digits."""
+    counts: tuple[int, ...]
+    """Lengths of the runs of pixels outside and inside, alternately, down the columns from left to right."""
 
-    def mask(self, instance: str) -> NDArray[np.bool_]:
-        """Return a silhouette, (H, W)."""
+    @property
+    def mask(self) -> NDArray[np.bool_]:
+        """The silhouette, (H, W)."""
         height, width = self.size
-        runs = np.array(self.counts[instance], np.int64)
+        runs = np.array(self.counts, np.int64)
         inside = np.repeat(np.arange(len(runs)) % 2 == 1, runs)
         return np.ascontiguousarray(inside.reshape(width, height).T)
 
@@ -312,7 +314,7 @@ class FailureRecord(msgspec.Struct, frozen=True):
     reason: str
 
 
-Record = TypeVar("Record", bound=msgspec.Struct)
+Record = TypeVar("Record")
 _encoder = msgspec.json.Encoder()
 
 
@@ -361,18 +363,18 @@ def pose_rows(X: NDArray[np.float64]) -> Pose:
     return first, second, third, fourth
 
 
-def decode_masks(data: bytes, location: str) -> Masks:
-    """Decode an ``amodal`` file.
+def decode_silhouettes(data: bytes, location: str) -> dict[int, Silhouette]:
+    """Decode an ``amodal`` file: silhouettes by instance.
 
     Raises:
         RecordError: the data is not such a file, or its runs do not fill the image.
     """
-    masks = decode(data, Masks, location)
-    pixels = masks.size[0] * masks.size[1]
-    for instance, counts in masks.counts.items():
-        if sum(counts) != pixels or min(counts, default=0) < 0 or min(masks.size) < 1:
-            raise RecordError(f"{location}: the runs of instance {instance} do not fill the image")
-    return masks
+    silhouettes: tuple[Silhouette, ...] = decode(data, tuple[Silhouette, ...], location)
+    for each in silhouettes:
+        height, width = each.size
+        if sum(each.counts) != height * width or min(each.counts, default=0) < 0 or min(each.size) < 1:
+            raise RecordError(f"{location}: the runs of instance {each.instance} do not fill the image")
+    return {each.instance: each for each in silhouettes}
 
 
 def read_file(path: Path, record_type: type[Record]) -> Record:

@@ -24,7 +24,7 @@ COMPRESSION: Final = 4
 
 def write(dataset: Dataset, folder: Path, samples: Iterator[Sample]) -> None:
     """Write the samples of a dataset into a folder."""
-    with h5py.File(folder / "samples.hdf5", "w", libver="v110") as file:
+    with h5py.File(folder / "samples.hdf5", "w", libver="v108") as file:
         file.attrs["classes"] = msgspec.json.encode(dataset.description.classes).decode()
         file.attrs["conventions"] = msgspec.json.encode(dataset.description.conventions).decode()
         for sample in samples:

@@ -3,7 +3,8 @@
 for sample in webdataset.WebDataset("out/shard-{000000..000009}.tar").decode("rgb8"):
     sample["color.png"], sample["depth.npy.gz"], sample["json"]["camera"], sample["json"]["objects"]
 
-The package's decoders of images make 8-bit RGB of all of them, so images with other numbers are arrays.
+The package's decoders of images make 8-bit RGB of all of them, so images with other numbers are arrays. Hugging Face's
+``datasets`` takes the types of all columns from the first samples, so the first one has objects, if any has.
 """
 
 from __future__ import annotations
@@ -14,6 +15,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Final
 
+import msgspec
 import numpy as np
 import webdataset
 
@@ -37,9 +39,20 @@ def write(dataset: Dataset, folder: Path, samples: Iterator[Sample]) -> None:
     with webdataset.ShardWriter(
         pattern, maxcount=SHARD_SAMPLES, maxsize=SHARD_BYTES, verbose=0, encoder=False, mtime=0.0
     ) as writer:
+        first = next((k for k, each in enumerate(dataset) if any(o.visible_pixels for o in each.objects)), 0)
+        if len(dataset):
+            writer.write(_files(first, dataset[first]))
         for index, sample in enumerate(samples):
-            files = dict(_file(sample, image_type) for image_type in sample.record.images)
-            writer.write({"__key__": f"{index:08d}", "json": manifest.encode(sample.record), **files})
+            if index != first:
+                writer.write(_files(index, sample))
+
+
+def _files(index: int, sample: Sample) -> dict[str, str | bytes]:
+    """Return the files of a sample by extension, and its key. Paths are text: loaders want lists of one type."""
+    objects = tuple(msgspec.structs.replace(each, path=tuple(map(str, each.path))) for each in sample.objects)
+    record = msgspec.structs.replace(sample.record, objects=objects)
+    files = dict(_file(sample, image_type) for image_type in sample.record.images)
+    return {"__key__": f"{index:08d}", "json": manifest.encode(record), **files}
 
 
 def _file(sample: Sample, image_type: ImageType) -> tuple[str, bytes]:
