@@ -27,8 +27,6 @@ SHOWN_TYPES: Final[tuple[ImageType, ...]] = (
 """Types of images that can be shown; a thumbnail is of the first one that the sample has."""
 WIDTH: Final = 320
 """Width of a thumbnail, pixels."""
-MAX_PIXELS: Final = 16_000_000
-"""Maximum number of pixels of an image that is shown: its arrays take 200 MB at most."""
 JPEG_QUALITY: Final = 85
 _GOLDEN_ANGLE: Final = 0.381966
 """Turn between the hues of two successive classes, so that any number of them differ."""
@@ -112,8 +110,6 @@ def _figure(sample: Sample) -> str:
 def _layers(sample: Sample) -> Iterator[str]:
     """Yield the image, the masks and the boxes of a sample. Raises RecordError if an image cannot be read or shown."""
     camera = sample.record.camera
-    if camera.width * camera.height > MAX_PIXELS:
-        raise RecordError(f"{camera.width}x{camera.height} pixels are more than the limit of a sheet, {MAX_PIXELS}")
     image_type = next((name for name in SHOWN_TYPES if name in sample.record.images), SHOWN_TYPES[0])
     size = WIDTH, max(1, round(WIDTH * camera.height / camera.width))
     image = Image.fromarray(_pixels(sample, image_type)).resize(size, Image.Resampling.BOX)

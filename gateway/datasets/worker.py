@@ -99,6 +99,9 @@ def _render_sample(
     else:
         inputs = _inputs(task, scene, annotated, sample)
         camera = inputs.camera
+        if camera.width * camera.height > manifest.MAX_IMAGE_PIXELS:  # readers of datasets refuse more
+            limit = f"the limit of an image of a dataset is {manifest.MAX_IMAGE_PIXELS} pixels"
+            raise ValueError(f"{camera.width}x{camera.height} pixels, {limit}")
         formats = {image_type: _file_format(image_type, task.settings) for image_type in task.settings.types}
         encoded_images, objects = render_sample(_renderer(task.threads), inputs, formats, style_of(task.settings))
     images: dict[ImageType, manifest.ImageFile] = {}

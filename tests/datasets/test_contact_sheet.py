@@ -8,9 +8,10 @@ from pathlib import Path
 import pytest
 from PIL import Image
 
-from gateway.datasets import contact_sheet as module
+from gateway.datasets.check import check_dataset
 from gateway.datasets.contact_sheet import contact_sheet
-from scenegate.datasets import Dataset
+from scenegate.datasets import Dataset, RecordError, manifest
+from scenegate.datasets.formats import export
 from tests.datasets.analytic import write_dataset
 from tests.support.browser import chromium, new_page
 from tests.support.command import scenegate
@@ -42,17 +43,24 @@ def test_text_of_a_dataset_is_escaped(tmp_path: Path) -> None:
     assert "&lt;script&gt;x" in page
 
 
-def test_images_that_cannot_be_shown_are_sentences(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_images_that_cannot_be_shown_are_sentences(tmp_path: Path) -> None:
     folder = write_dataset(tmp_path / "out")
     Image.new("RGB", (64, 48)).save(tmp_path / "secret.png")
-    manifest = folder / "manifest.jsonl"
-    manifest.write_text(manifest.read_text().replace("scenes/pile/view-0.color.png", "../secret.png"))
+    lines = folder / "manifest.jsonl"
+    lines.write_text(lines.read_text().replace("scenes/pile/view-0.color.png", "../secret.png"))
     page = contact_sheet(Dataset(folder), 100)
     assert "lies outside of the dataset" in page
     assert page.count("data:image/jpeg") == 2
-    monkeypatch.setattr(module, "MAX_PIXELS", 1000)
-    page = contact_sheet(Dataset(folder), 100)
-    assert page.count("the limit of a sheet, 1000") == 3
+
+
+def test_images_above_the_limit_are_not_decoded(folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(manifest, "MAX_IMAGE_PIXELS", 500)
+    monkeypatch.setattr(Image.Image, "load", lambda image: pytest.fail("decoded"))
+    assert contact_sheet(Dataset(folder), 100).count("500") == 3
+    problems = check_dataset(folder, 1, lambda *_: None).problems
+    assert sum("500" in problem for problem in problems) == 3 * 5, problems
+    with pytest.raises(RecordError, match="500"):
+        export(Dataset(folder), tmp_path / "out", "bop")
 
 
 def test_the_command_writes_a_file_beside_the_folder(folder: Path) -> None:

@@ -237,6 +237,8 @@ class Sample:
         camera = self.record.camera
         if (width, height) != (camera.width, camera.height):
             raise RecordError(f"{path}: {width}x{height} pixels, the camera has {camera.width}x{camera.height}")
+        if width * height > manifest.MAX_IMAGE_PIXELS:
+            raise RecordError(f"{path}: {width}x{height} pixels, the limit is {manifest.MAX_IMAGE_PIXELS} in all")
 
     def _read_file(self, path: Path) -> bytes:
         """Return the content of an image file."""

@@ -36,6 +36,8 @@ FORMAT_VERSION: Final = 1
 """Value of ``DatasetRecord.version``."""
 MODELS_FOLDER: Final = "models"
 """Folder with the meshes of the models, ``ModelRecord.path``."""
+MAX_IMAGE_PIXELS: Final = 4096 * 4096
+"""Maximum number of pixels of an image, as the server's ``--max-pixels``: its arrays take 200 MB at most."""
 MAX_LINE_BYTES: Final = 16 << 20
 """Maximum size of a line. A sample's line has about 700 bytes, and 900 for each object in its image."""
 MAX_DESCRIPTION_BYTES: Final = 256 << 20
