@@ -253,7 +253,7 @@ def test_large_coordinates_are_as_precise_as_small_ones(
     values = shown.page.locator(".details dd")
     assert values.nth(0).inner_text() == "500000.08  5400000  0.123"
     assert values.nth(3).inner_text().startswith("500000.06  5399999.98  0.103")
-    with shown.page.expect_download() as scene:
+    with shown.page.expect_response(lambda each: "scene.glb" in each.url) as scene:
         shown.page.get_by_role("link", name=".glb").click()
     camera = parse_qs(urlsplit(scene.value.url).query)["camera"][0]
     target = [float(number) for number in camera.partition("target=")[2].partition(";")[0].split(",")]
@@ -617,12 +617,39 @@ def test_downloads_show_what_the_page_shows(view: tuple[View, Publisher]) -> Non
     assert rendered.shape == drawn.shape
     different = np.abs(rendered.astype(int) - drawn.astype(int)).max(axis=2) > 60
     assert different.mean() < 0.005, "the gateway's image is the same view"
-    with shown.page.expect_download() as scene:
+    with (
+        shown.page.expect_response(lambda each: "scene.glb" in each.url) as response,
+        shown.page.expect_download() as scene,
+    ):
         shown.page.get_by_role("link", name=".glb").click()
     assert scene.value.suggested_filename == "scene.glb"
-    assert "xmag=" in unquote(scene.value.url)
+    assert "xmag=" in unquote(response.value.url)
     read = read_gltf(Path(scene.value.path()).read_bytes())
     assert len([path for path, node in read.root.walk() if node.parts]) == 1, "it has the visible box"
+
+
+def test_a_failed_download_shows_the_reason(view: tuple[View, Publisher]) -> None:
+    shown, _ = view
+    shown.page.route("**/scene.glb**", lambda route: route.fulfill(status=404, json={"detail": "no such moment"}))
+    shown.page.get_by_role("link", name=".glb").click()
+    shown.page.get_by_text("scene.glb: no such moment").wait_for()
+    shown.faults = [fault for fault in shown.faults if "404" not in fault]
+
+
+def test_shortcuts_work_after_a_slider_and_are_listed(view: tuple[View, Publisher]) -> None:
+    shown, publisher = view
+    publisher.box(["keys"], RED)
+    shown.look_at("keys")
+    shown.page.get_by_role("treeitem", name="keys").click()
+    slider = shown.page.locator(".details input[type=range]").first
+    slider.focus()
+    shown.page.keyboard.press("ArrowLeft")
+    shown.page.keyboard.press("?")
+    shown.until(lambda: shown.page.locator("#keys").is_visible(), "the list of keys")
+    shown.page.keyboard.press("Escape")
+    slider.focus()
+    shown.page.keyboard.press("Escape")
+    shown.until(lambda: shown.page.locator(".details h2").count() == 0, "deselected")
 
 
 def test_keyboard_shortcuts_and_focus(view: tuple[View, Publisher]) -> None:

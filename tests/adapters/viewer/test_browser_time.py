@@ -125,9 +125,9 @@ def test_the_address_has_the_moment(shown: tuple[View, TreeViewer], gateway: tup
     with clients.Client(base_url=url) as http:
         listing = http.get("/scene", params={"time": time}).json()
     assert next(node for node in listing["nodes"] if node["path"] == ["cart"])["transform"][0][3] == 1.0
-    with view.page.expect_download() as download:
+    with view.page.expect_response(lambda each: "scene/render" in each.url) as response:
         render.click()
-    drawn_at = parse_qs(urlsplit(download.value.url).query)["time"][0]
+    drawn_at = parse_qs(urlsplit(response.value.url).query)["time"][0]
     assert float(drawn_at) == pytest.approx(float(time), rel=0.0, abs=1e-3)
     other.page.keyboard.press("l")
     other.until(lambda: x_of(other) == 2.0 and "time=" not in other.page.url, "live again")

@@ -9,6 +9,7 @@ import { Lightbox } from "./panels/lightbox";
 import type { Side, Tab } from "./panels/panels";
 import { RendersPanel } from "./panels/renderspanel";
 import { SensorsPanel } from "./panels/sensorspanel";
+import { ShortcutList } from "./panels/shortcuts";
 import { StatusBar } from "./panels/statusbar";
 import { Toolbar } from "./panels/toolbar";
 import { TreePanel } from "./panels/treepanel";
@@ -20,6 +21,7 @@ import { MeasureBar } from "./tools/measure";
 import { SideViews } from "./tools/sideviews";
 import { TimeBar } from "./tools/timebar";
 import { ViewAxes } from "./tools/viewaxes";
+import { downloadProblem } from "./view/downloads";
 import type { Viewer } from "./view/viewer";
 
 const MIN_WIDTH = 160;
@@ -75,7 +77,8 @@ export function App({ viewer, programControls }: { viewer: Viewer; programContro
     Renders: <RendersPanel viewer={viewer} />,
   };
   const { notice, graphicsNotice } = session;
-  const hint = notice.value.text || graphicsNotice.value;
+  const isConnected = session.connection.value.state === "open";
+  const hint = notice.value.text || downloadProblem.value || graphicsNotice.value;
   const id = (name: Tab) => `page-${name.toLowerCase()}`;
   return (
     <>
@@ -95,7 +98,7 @@ export function App({ viewer, programControls }: { viewer: Viewer; programContro
           <p class={notice.value.centre ? "hint centre" : "hint"} role="status" hidden={hint === ""}>
             {hint}
           </p>
-          {session.isEmpty.value && viewer.timeline.isLive.value && !isRecorded() && <EmptyState />}
+          {session.isEmpty.value && isConnected && viewer.timeline.isLive.value && !isRecorded() && <EmptyState />}
           <Splitter side="left" label="Width of the scene tree" width={widths.left} />
           <Splitter side="right" label="Width of the panels" width={widths.right} />
         </main>
@@ -111,6 +114,7 @@ export function App({ viewer, programControls }: { viewer: Viewer; programContro
       </div>
       <TimeBar timeline={viewer.timeline} session={session} />
       <StatusBar session={session} />
+      <ShortcutList viewer={viewer} />
       <Lightbox panels={panels} />
     </>
   );

@@ -4,8 +4,8 @@ import { Box3 } from "three";
 import "./style.css";
 import { App } from "./app";
 import { Connection } from "./connection";
-import { options } from "./options";
 import { Panels, type Tab } from "./panels/panels";
+import { listenForShortcuts } from "./panels/shortcuts";
 import { Gizmos } from "./programs/gizmos";
 import { ProgramControls } from "./programs/programcontrols";
 import type { Message } from "./protocol";
@@ -81,35 +81,7 @@ function openFor(tab: Tab, hasContent: () => boolean): void {
 openFor("Stereo", () => session.streaming.value);
 openFor("Controls", () => programControls.all.value.length > 0);
 
-const KEYS: Record<string, () => unknown> = {
-  f: () => viewer.fit(),
-  c: () => viewer.follow.cycle(session.selected.peek()),
-  h: () => viewer.look("home"),
-  1: () => viewer.look("top"),
-  2: () => viewer.look("front"),
-  3: () => viewer.look("side"),
-  "+": () => stage.rig.controls.dollyIn(0.8),
-  "=": () => stage.rig.controls.dollyIn(0.8),
-  "-": () => stage.rig.controls.dollyIn(1.25),
-  p: () => viewer.timeline.toggle(),
-  l: () => viewer.timeline.live(),
-  ",": () => viewer.timeline.step(-1),
-  ".": () => viewer.timeline.step(1),
-  m: () => viewer.measurement.toggle(),
-  t: () => panels.toggle("left"),
-  s: () => panels.toggle("right"),
-  Escape: () => panels.closeDrawers() || viewer.measurement.stop() || viewer.select(null),
-};
-addEventListener("keydown", (event) => {
-  if (event.defaultPrevented || event.ctrlKey || event.metaKey || event.altKey || panels.full.value) return;
-  if (event.key === "Escape" && document.querySelector(":popover-open")) return; // it closes the menu
-  const { target } = event;
-  if ((target instanceof HTMLInputElement && target.type !== "checkbox") || target instanceof HTMLSelectElement) return;
-  // Assistive programs type single characters by mistake: they can be switched off where the view does not have the focus.
-  const isCharacter = event.key.length === 1;
-  if (isCharacter && options.shortcuts.shown.value === "off" && target !== stage.canvas) return;
-  KEYS[isCharacter ? event.key.toLowerCase() : event.key]?.();
-});
+listenForShortcuts(viewer);
 
 setInterval(() => {
   if (session.tick(stage.frames)) viewer.placeShadows(); // the scene may have moved

@@ -2,6 +2,7 @@
 
 import type { ButtonHTMLAttributes, ComponentChildren, TargetedEvent } from "preact";
 import type { TreeNode } from "../model";
+import { download } from "../view/downloads";
 import type { Viewer } from "../view/viewer";
 import { Icon, type IconName } from "./icons";
 
@@ -25,8 +26,12 @@ type LinkProps = { icon: IconName; url: () => string; title: string; download: s
 
 /** Link to a file whose URL is known when it is clicked. */
 export function Download({ icon, url, children, ...more }: LinkProps) {
+  const save = (event: MouseEvent) => {
+    event.preventDefault();
+    void download(url(), more.download);
+  };
   return (
-    <a class="button" href="./" onClick={({ currentTarget }) => (currentTarget.href = url())} {...more}>
+    <a class="button" href="./" onClick={save} {...more}>
       <Icon name={icon} />
       {children}
     </a>

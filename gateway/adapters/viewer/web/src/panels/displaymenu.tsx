@@ -62,6 +62,9 @@ export function DisplayMenu({ viewer }: { viewer: Viewer }) {
           <Field label="Background" value={background.shown.value} choices={backgrounds} onChange={(name) => background.choose(name)} />
           <Check text="Dark theme" checked={theme.shown.value === "dark"} onChange={(on) => theme.choose(on ? "dark" : "light")} />
           <Switch name="shortcuts" text="Single-key shortcuts" title="Letters, digits, + and −" />
+          <Button icon="panel" class="plain" title="All keys and mouse actions (?)" popovertarget="keys">
+            Keys and mouse
+          </Button>
         </Group>
       </div>
     </>

@@ -1,5 +1,6 @@
 // What can be downloaded of the view: the image as it is shown, the gateway's image, and the scene as a file.
 
+import { signal } from "@preact/signals";
 import type { Color } from "three";
 import { cameraText } from "./camera";
 import type { Viewer } from "./viewer";
@@ -30,20 +31,39 @@ export const pageFile = (): string => `view/scene.html?${new URLSearchParams({ v
 
 export const rendering = (viewer: Viewer): string => `scene/render?${imageQuery(viewer)}`;
 
+/** Sentence about a download that failed, for some seconds. */
+export const downloadProblem = signal("");
+const PROBLEM_MS = 15_000;
+
+function saveAs(href: string, fileName: string): void {
+  Object.assign(document.createElement("a"), { href, download: fileName }).click();
+}
+
+function saveBlob(blob: Blob, fileName: string): void {
+  const url = URL.createObjectURL(blob);
+  saveAs(url, fileName);
+  setTimeout(() => URL.revokeObjectURL(url), 10_000);
+}
+
+/** Download a file of the gateway. If that fails, its sentence is in `downloadProblem`. */
+export async function download(url: string, fileName: string): Promise<void> {
+  if (/^(data|blob):/.test(url)) return saveAs(url, fileName);
+  const response = await fetch(url).catch(() => null);
+  if (response?.ok) return saveBlob(await response.blob(), fileName);
+  const text = (await response?.text().catch(() => "")) ?? "";
+  const sentence = text.startsWith("{") ? JSON.parse(text).detail : text;
+  downloadProblem.value = `${fileName}: ${response ? sentence || response.statusText : "the gateway does not respond"}`;
+  setTimeout(() => (downloadProblem.value = ""), PROBLEM_MS);
+}
+
 /** Download the view as it is shown; without WebGL, an image of the gateway. */
 export function snapshot(viewer: Viewer) {
-  const save = (href: string) => Object.assign(document.createElement("a"), { href, download: "scenegate.png" }).click();
   const { renderer } = viewer.stage;
-  if (!renderer) return save(rendering(viewer));
+  if (!renderer) return void download(rendering(viewer), "scenegate.png");
   const { width, height } = renderer.domElement;
   const canvas = Object.assign(document.createElement("canvas"), { width, height });
   const context = canvas.getContext("2d")!;
   context.drawImage(renderer.domElement, 0, 0);
   viewer.marks.drawNames(context, renderer.getPixelRatio());
-  canvas.toBlob((image) => {
-    if (!image) return;
-    const url = URL.createObjectURL(image);
-    save(url);
-    setTimeout(() => URL.revokeObjectURL(url), 10_000);
-  });
+  canvas.toBlob((image) => image && saveBlob(image, "scenegate.png"));
 }
