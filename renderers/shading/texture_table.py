@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from renderers.compiler.pointers import address_of
 from renderers.drawlist import Texture, Wrap, name_image_errors
 from renderers.shading.layout import ShadingTexture
-from renderers.shading.mipmaps import mip_level_rows
+from renderers.shading.mipmaps import has_mip_levels, mip_level_rows
 from renderers.shading.textures import is_decoded, texels_of
 
 WRAP_REPEAT: Final = 0
@@ -52,7 +52,7 @@ class TextureTable:
             ImageError: an image cannot be decoded; the message names it.
         """
         structs = np.zeros(max(len(self._indices), 1), ShadingTexture.dtype)
-        _decode({id(texture.image): texture for texture, _ in self._indices}.values(), parallel)
+        _prepare(self._indices, parallel)
         for (texture, srgb), struct in zip(self._indices, structs, strict=False):
             sampler = texture.sampler
             decoded = texels_of(texture.image)
@@ -72,20 +72,28 @@ class TextureTable:
         return structs
 
 
-def _decode(textures: Iterable[Texture], parallel: Parallel | None) -> None:
-    """Decode the textures' images that are not cached.
+def _prepare(textures: Iterable[tuple[Texture, bool]], parallel: Parallel | None) -> None:
+    """Decode the images of textures and make their mip levels, as far as they are not cached.
 
     Args:
-        textures: one texture for each image. Error messages use its name.
+        textures: textures and their colour spaces. Error messages use the name of an image's first texture.
     """
-    missing = [texture for texture in textures if not is_decoded(texture.image)]
+    missing: dict[int, list[tuple[Texture, bool]]] = {}
+    for texture, srgb in textures:
+        has_levels = has_mip_levels(texture.image, srgb) or not texture.sampler.mipmaps
+        if not is_decoded(texture.image) or not has_levels:
+            missing.setdefault(id(texture.image), []).append((texture, srgb))
+    by_image = list(missing.values())
 
-    def decode(k: int) -> None:
-        with name_image_errors(missing[k].name):
-            texels_of(missing[k].image)
+    def prepare(k: int) -> None:
+        with name_image_errors(by_image[k][0][0].name):
+            for texture, srgb in by_image[k]:
+                texels_of(texture.image)
+                if texture.sampler.mipmaps:
+                    mip_level_rows(texture.image, srgb)
 
-    if parallel is not None and len(missing) > 1:
-        parallel(len(missing), decode)
+    if parallel is not None and len(by_image) > 1:
+        parallel(len(by_image), prepare)
     else:
-        for k in range(len(missing)):
-            decode(k)
+        for k in range(len(by_image)):
+            prepare(k)

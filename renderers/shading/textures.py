@@ -28,6 +28,10 @@ _MAX_CONFLICT_PADDING: Final = 16
 Frames that show such a texture rotated by 90 degrees would take twice as long. Shorter rows have a 64th of padding."""
 
 
+_OPAQUE_BLACK: Final = 0xFF000000
+"""Black with alpha 255 as a little-endian number: a texel is opaque if it is not less."""
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Texels:
     """A decoded image."""
@@ -62,9 +66,8 @@ def texels_of(image: Image) -> Texels:
     pixels = image.decode()
     if pixels.ndim != 3 or pixels.shape[2] != 4 or pixels.dtype != np.uint8 or 0 in pixels.shape:
         raise ImageError(f"decoded to {pixels.shape} {pixels.dtype}, expected (H, W, 4) uint8")
-    alpha = pixels[..., 3]
-    opaque = bool((alpha == 255).all())
-    translucent = not opaque and bool(alpha.any())
+    opaque = bool(np.ascontiguousarray(pixels).view("<u4").min() >= _OPAQUE_BLACK)
+    translucent = not opaque and bool(pixels[..., 3].any())
     width = pixels.shape[1]
     texels = Texels(texel_rows([pixels]), width, opaque, translucent)
     _decoded.put(image, texels, texels.rows.nbytes)
