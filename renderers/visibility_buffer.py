@@ -103,13 +103,14 @@ class Rasterizer(Protocol):
         samples: int,
         make_shader: Callable[[SampledView], SampledShader],
         *,
+        select: NDArray[np.bool_] | None = None,
         cull_back: NDArray[np.bool_] | None = None,
     ) -> None:
         """Rasterize 4 or 8 samples of every pixel, and shade each band while it is in the cache.
 
         Args:
             make_shader: called once, before the first band.
-            cull_back: as in ``visibility``.
+            select, cull_back: as in ``visibility``.
         """
         ...
 

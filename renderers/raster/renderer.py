@@ -161,13 +161,14 @@ class CpuRenderer:
         samples: int,
         make_shader: Callable[[SampledView], SampledShader],
         *,
+        select: NDArray[np.bool_] | None = None,
         cull_back: NDArray[np.bool_] | None = None,
     ) -> None:
         """As ``Rasterizer.shade_samples``."""
         prepared = prepare(scene)
-        culled = address_of(cull_back, np.bool_)
+        selected, culled = address_of(select, np.bool_), address_of(cull_back, np.bool_)
         threads = self._threads.threads
-        job = FrameJob(prepared, camera, threads, cull_back=culled, opaque=True, samples=samples)
+        job = FrameJob(prepared, camera, threads, select=selected, cull_back=culled, opaque=True, samples=samples)
         shader = make_shader(SampledView(prepared.instances.first_ids, job.X_camera_mesh, job.stride))
         bands = allocate_sample_bands(threads, camera, samples, job.stride)
         self._threads.share(job.sampled_task(*bands, shader))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
@@ -50,8 +50,8 @@ def paint(
 ) -> None:
     """Render the colour image.
 
-    A scene of opaque surfaces is rasterized with all samples at once. Each surface is shaded once per pixel. A scene
-    with translucent or cut-out surfaces is peeled and shaded at each sample position, since the alpha of textures may
+    Opaque surfaces are rasterized with all samples at once. Each surface is shaded once per pixel. Pixels that
+    translucent or cut-out surfaces cover are peeled and shaded at each sample position, since the alpha of textures may
     have edges. Colours are tone-mapped before they are blended.
 
     Args:
@@ -96,17 +96,52 @@ def paint(
     lighting = _lighting(rig, lights, shadow_maps, map_of_light, camera)
     output = _output(background, color)
     output_address = address_of(output, layout.StudioOutput.dtype)
+    if samples > 1:
+        make_shader = partial(_sampled_shader, shading, lighting, camera, output_address)
+        rasterizer.shade_samples(scene, camera, samples, make_shader, select=opaque, cull_back=cull_back)
+    elif opaque is None and visible is not None:
+        _shade_layer(rasterizer, shading, lighting, visible, camera, ADD, 0, output_address)
     if opaque is None:
-        if samples == 1 and visible is not None:
-            _shade_layer(rasterizer, shading, lighting, visible, camera, ADD, 0, output_address)
-        else:
-            make_shader = partial(_sampled_shader, shading, lighting, camera, output_address)
-            rasterizer.shade_samples(scene, camera, samples, make_shader, cull_back=cull_back)
         return
     assert visible is not None  # rendered above: the scene is peeled
-    mean = _peeled_mean(rasterizer, scene, shading, lighting, cameras, opaque, visible)
-    write_rows = partial(write_image_rows, address_of(mean, np.float32), output_address, camera.width)
-    for_bands(rasterizer, camera.height, write_rows)
+    covered, part = np.ones(color.shape[:2], np.bool_), color
+    if samples > 1:
+        rows, columns, covered = _covered_pixels(rasterizer, scene, shading, cameras)
+        if not covered.size:
+            return
+        part = color[rows, columns]
+        cameras = tuple(_window_camera(each, rows, columns) for each in cameras)
+        visible = rasterizer.visibility(scene, cameras[0], select=opaque, cull_back=cull_back)
+    mean = _peeled_mean(rasterizer, scene, shading, lighting, cameras, opaque, visible, covered)
+    blended = np.empty(part.shape, np.uint8)
+    output["color"] = address_of(blended, np.uint8)
+    write_rows = partial(write_image_rows, address_of(mean, np.float32), output_address, cameras[0].width)
+    for_bands(rasterizer, cameras[0].height, write_rows)
+    np.copyto(part, blended, where=covered[..., None])
+
+
+def _covered_pixels(
+    rasterizer: Rasterizer, scene: DrawList, shading: ShadingScene, cameras: Sequence[Camera]
+) -> tuple[slice, slice, NDArray[np.bool_]]:
+    """Return rows and columns of the pixels in which transparent surfaces cover a sample, and a mask of them there.
+
+    Surfaces that are hidden count as well.
+    """
+    covered = np.zeros((cameras[0].height, cameras[0].width), np.bool_)
+    for camera in cameras:
+        layer = rasterizer.visibility(scene, camera, select=shading.transparent, cull_back=shading.cull_back)
+        covered |= layer.ids >= 0
+    rows, columns = (
+        slice(int(used[0]), int(used[-1]) + 1) if len(used) else slice(0)
+        for used in (np.flatnonzero(covered.any(axis=axis)) for axis in (1, 0))
+    )
+    return rows, columns, covered[rows, columns]
+
+
+def _window_camera(camera: Camera, rows: slice, columns: slice) -> Camera:
+    """Return the camera of a part of an image."""
+    width, height = columns.stop - columns.start, rows.stop - rows.start
+    return replace(camera, width=width, height=height, cx=camera.cx - columns.start, cy=camera.cy - rows.start)
 
 
 def _peeled_mean(
@@ -117,6 +152,7 @@ def _peeled_mean(
     cameras: Sequence[Camera],
     opaque: NDArray[np.bool_],
     first_view: Visibility,
+    covered: NDArray[np.bool_],
 ) -> NDArray[np.float32]:
     """Peel and shade the scene at each sample position, and return the mean of the samples.
 
@@ -124,6 +160,7 @@ def _peeled_mean(
         cameras: one for each sample.
         opaque: (I,) bool, instances without translucent or cut-out surfaces.
         first_view: opaque surfaces seen by the first camera.
+        covered: (H, W), pixels to shade.
 
     Returns:
         (H, 4, V) float32, the rows that ``shade_rows`` accumulates with ``BENEATH``.
@@ -139,6 +176,7 @@ def _peeled_mean(
         for layer in peeled(rasterizer, scene, camera, shading.transparent, shading.cull_back, view):
             _shade_layer(rasterizer, shading, lighting, layer, camera, BENEATH, target, 0)
             layer.ids[accumulated[:, 3, :width] >= 1.0] = -1  # surfaces behind are invisible
+        view.ids[~covered] = -1
         _shade_layer(rasterizer, shading, lighting, view, camera, BENEATH, target, 0)
         if accumulated is not mean:
             mean += accumulated * np.float32(1.0 / len(cameras))

@@ -273,3 +273,18 @@ def test_samples(renderer: CpuRenderer, samples: SampleCount, look: Any) -> None
     wrong = np.abs(frame.color - expected).max(axis=-1)
     assert np.abs(mean - sample_colors[0]).max() > 0.2
     assert (wrong > 1.0).sum() <= 3  # samples on an edge that is rounded to 1/256 pixel
+
+
+@pytest.mark.parametrize("samples", [4, 8])
+def test_pixels_beside_a_translucent_surface_are_those_of_the_opaque_scene(
+    renderer: CpuRenderer, samples: SampleCount
+) -> None:
+    rig, opaque = Rig(shadow_size=0), two_balls()
+    glass = Material((0.1, 0.9, 0.1, 0.5), alpha_mode=AlphaMode.BLEND, double_sided=True)
+    corners = [(-0.2, -0.3, 2.5), (0.4, -0.2, 2.5), (0.4, 0.3, 2.5), (-0.2, 0.2, 2.5)]
+    pane = Instance(sheet(corners), glass, np.eye(4))
+    covered = (rendered(renderer, DrawList((pane,)), view(), rig, samples) != 0).any(axis=2)
+    plain = rendered(renderer, opaque, view(), rig, samples)
+    seen = rendered(renderer, replace(opaque, instances=(*opaque.instances, pane)), view(), rig, samples)
+    np.testing.assert_array_equal(seen[~covered], plain[~covered])
+    assert 50 < ((seen != plain).any(axis=2) & covered).sum() == covered.sum()
