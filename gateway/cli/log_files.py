@@ -19,7 +19,7 @@ MeshRoot: TypeAlias = Annotated[
     typer.Option(
         "--mesh-root",
         metavar="FOLDERS",
-        help="Folders with the mesh files that messages of a log name, as for `scenegate serve`; auto: all folders.",
+        help="Folders with the mesh files that messages of a log name; auto: the log's own folder, and ROS packages.",
     ),
 ]
 
@@ -38,9 +38,13 @@ def open_log_file(path: Path, mesh_root: str) -> LogTimeline:
     from gateway.files.assets.mesh_files import MeshFiles
     from gateway.replay.timeline import open_log
     from scenegate.cli.progress_bar import progress_bar
+    from scenegate.robots.ros_packages import folders_of_environment
 
     settings = load_settings({"host": "127.0.0.1", "mesh_root": mesh_root})
-    files = MeshFiles(settings.mesh_folders, any_folder=settings.local_clients_read_all_folders)
+    folders = settings.mesh_folders
+    if settings.local_clients_read_all_folders:  # auto: the author of a log must not choose other files
+        folders = (path.resolve().parent, *folders, *folders_of_environment())
+    files = MeshFiles(folders)
     with progress_bar("Reading", "MB", path.stat().st_size) as bar:
         log = open_log(path, files, lambda position: bar.update(position, position // 1_000_000))
     summary = log.summary

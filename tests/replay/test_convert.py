@@ -100,12 +100,22 @@ def test_the_log_is_not_overwritten(tmp_path: Path) -> None:
 
 
 def test_mesh_files_are_read_as_by_view_and_export(tmp_path: Path) -> None:
-    """In any folder by default; below ``--mesh-root`` otherwise. Warnings name the channel."""
-    mesh = tmp_path / "a.obj"
+    """In the log's folder by default; also in ``--mesh-root``. Warnings name the channel."""
+    mesh = tmp_path / "meshes" / "a.obj"
+    mesh.parent.mkdir()
     mesh.write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n")
     geometry = {"type": "mesh_file", "filename": str(mesh)}
-    log, out = log_of(tmp_path / "a.lcm", (0.0, {"setgeometry": [{"path": ["a"], "geometry": geometry}]})), tmp_path
-    for number, (options, shown) in enumerate((([], ["scene/a"]), (["--mesh-root", "off"], []))):
+    request: dict[str, object] = {"setgeometry": [{"path": ["a"], "geometry": geometry}]}
+    out, elsewhere = tmp_path, tmp_path / "elsewhere"
+    elsewhere.mkdir()
+    inside, outside = (log_of(folder / "a.lcm", (0.0, request)) for folder in (tmp_path, elsewhere))
+    cases: list[tuple[Path, list[str], list[str]]] = [
+        (inside, [], ["scene/a"]),
+        (inside, ["--mesh-root", "off"], []),
+        (outside, [], []),
+        (outside, ["--mesh-root", str(mesh.parent)], ["scene/a"]),
+    ]
+    for number, (log, options, shown) in enumerate(cases):
         result = CliRunner().invoke(app, ["convert", str(log), str(out / f"{number}.mcap"), *options])
         assert result.exit_code == 0, result.stderr
         assert list(foxglove_scene(out / f"{number}.mcap").geometry) == shown

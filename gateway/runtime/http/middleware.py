@@ -95,7 +95,9 @@ class Protection:
     - A request with side effects from a page of another site (CSRF) gets 403. Browsers let any page send a POST to any
       host, including services on localhost. They add its origin: in ``Sec-Fetch-Site`` for HTTPS and localhost, in
       ``Origin`` always. Other programs send neither.
-    - Headers of responses forbid guessed content types and frames on other sites.
+    - A page of another site gets nothing to show either (403), unless there are ``origins``: an image costs the gateway
+      more than the page. Links to the gateway work.
+    - Headers of responses forbid guessed content types, frames on other sites, and use by pages of other sites.
     """
 
     def __init__(
@@ -124,6 +126,7 @@ class Protection:
         self._headers: Final = (
             (b"content-security-policy", f"frame-ancestors {ancestors}".encode()),
             (b"x-content-type-options", b"nosniff"),
+            (b"cross-origin-resource-policy", b"cross-origin" if self._origins else b"same-site"),
         )
         self._trusts = lru_cache(maxsize=_MAX_CACHED_HOSTS)(self._is_trusted)
 
@@ -156,7 +159,9 @@ class Protection:
         elif not trusted:
             text = "This gateway is not the host that the Host header names; --trusted-hosts adds names.\n"
             app = PlainTextResponse(text, 421)
-        elif has_effects and self._is_foreign(scope, host, origin, fetch_site):
+        elif (has_effects and self._is_foreign(scope, host, origin, fetch_site)) or (
+            fetch_site == "cross-site" and headers.get("sec-fetch-mode") != "navigate" and not self._origins
+        ):
             header = f"Origin: {origin}" if origin is not None else f"Sec-Fetch-Site: {fetch_site}"
             page = ascii(header[:_MAX_ECHO])[1:-1]
             text = f"{scope['method']} refused: it was sent by a page of another site ({page}).\n"

@@ -121,6 +121,24 @@ async def test_cross_site_requests_with_side_effects_are_refused(headers: dict[s
             assert (await http.request(method, "/", headers=headers)).status_code != 403
 
 
+@pytest.mark.parametrize(
+    ("origins", "headers", "allowed"),
+    [
+        ((), {"Sec-Fetch-Site": "cross-site", "Sec-Fetch-Mode": "no-cors"}, False),
+        ((), {"Sec-Fetch-Site": "cross-site", "Sec-Fetch-Mode": "navigate"}, True),
+        ((), {"Sec-Fetch-Site": "same-site", "Sec-Fetch-Mode": "no-cors"}, True),
+        (("https://dashboard.example",), {"Sec-Fetch-Site": "cross-site", "Sec-Fetch-Mode": "no-cors"}, True),
+    ],
+)
+async def test_pages_of_other_sites_get_no_images(
+    origins: tuple[str, ...], headers: dict[str, str], allowed: bool
+) -> None:
+    async with behind(Protection, origins=origins) as http:
+        answer = await http.get("/", headers=headers)
+    assert (answer.status_code == 200) is allowed
+    assert answer.headers["cross-origin-resource-policy"] == ("cross-origin" if origins else "same-site")
+
+
 @pytest.mark.parametrize("second", ["http://here:8000", "http://evil.example"])
 async def test_several_origins_are_refused(second: str) -> None:
     async with behind(Protection) as http:
