@@ -17,9 +17,10 @@ from scenegate.cli.options import add_lcm_url, at_least, existing_file, existing
 from scenegate.messages.changes import Changes, Entry, path_of
 from scenegate.messages.changes import Path as NodePath
 from scenegate.messages.mesh_file import MeshFile
-from scenegate.regular_files import read_file_or_pipe
+from scenegate.regular_files import is_pipe, read_file_or_pipe
 from scenegate.robots.joint_text import parse_joints
 from scenegate.robots.robot_reader import SUFFIXES
+from scenegate.robots.xacro_args import parse_xacro_args
 from scenegate.tree.answer import Answer, TreeViewerError
 from scenegate.tree.joint_sliders import JointSliders
 from scenegate.tree.published_robot import PublishedRobot
@@ -35,7 +36,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add = parser.add_argument
     help_text = (
         "a request of the protocol in JSON; a mesh: glb, gltf, obj, stl, ply, dae, vtk; or a robot file: urdf, sdf, "
-        "xacro, xml (MJCF). A pipe without a suffix is a robot: <(xacro robot.urdf.xacro)"
+        "xacro, xml (MJCF). A pipe is a robot: <(xacro robot.urdf.xacro), or - for the standard input"
     )
     add("source", metavar="SCENE.json|MESH|ROBOT", type=existing_file, help=help_text)
     add("--path", default="", help="path in the tree: robot/base")
@@ -52,6 +53,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     robot("--joint", action="append", default=[], metavar="NAME=VALUE", help=help_text)
     help_text = "folder with the packages of a robot file's package:// names. Can be repeated"
     robot("--root", action="append", default=[], type=existing_folder, metavar="FOLDER", help=help_text)
+    help_text = "value of an argument of a xacro file, $(arg NAME). Can be repeated"
+    robot("--xacro-arg", action="append", default=[], metavar="NAME:=VALUE", help=help_text)
     help_text = "keyframe of an MJCF file, which has the joints' values"
     robot("--keyframe", default="", metavar="NAME", help=help_text)
     help_text = "up axis of a robot's glTF meshes; auto: the one that fits the collision geometry (default: y)"
@@ -73,14 +76,14 @@ def run(options: argparse.Namespace) -> None:
     """Publish a file, in place of everything at and below the path."""
     source: Path = options.source
     logging.getLogger("scenegate.tree.viewer").setLevel(logging.ERROR)  # the command prints the viewer's warnings
-    is_pipe = not source.is_file()
-    if source.suffix.lower() in SUFFIXES or (is_pipe and not source.suffix):
-        if options.reload and is_pipe:
+    piped = is_pipe(source)
+    if source.suffix.lower() in SUFFIXES or (piped and not source.suffix):
+        if options.reload and piped:
             raise ValueError(f"{source}: --reload needs a file, not a pipe")
-        _publish_robot(options, path_of(options.path) or ("robot" if is_pipe else source.stem,))
+        _publish_robot(options, path_of(options.path) or ("robot" if piped else source.stem,))
         return
-    if options.joint or options.root or options.keyframe or options.collision or options.reload:
-        flags = "--joint, --root, --keyframe, --collision and --reload"
+    if any((options.joint, options.root, options.xacro_arg, options.keyframe, options.collision, options.reload)):
+        flags = "--joint, --root, --xacro-arg, --keyframe, --collision and --reload"
         raise ValueError(f"{source}: {flags} are for robot files ({', '.join(SUFFIXES)})")
     if source.suffix.lower() == ".json":
         changes = Changes()
@@ -106,6 +109,7 @@ def _publish_robot(options: argparse.Namespace, top: NodePath) -> None:
             keyframe=options.keyframe,
             gltf_up=options.robot_gltf_up,
             strict=options.strict,
+            xacro_args=parse_xacro_args(options.xacro_arg),
         )
 
     with contextlib.suppress(KeyboardInterrupt), TreeViewer(options.lcm_url, options.timeout) as viewer:

@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Final
 
 from scenegate.messages.mesh_file import referenced_path, spellings
-from scenegate.regular_files import read_file_or_pipe, read_regular
+from scenegate.regular_files import is_pipe, read_file_or_pipe, read_regular
 from scenegate.robots.robot_errors import RobotFileError
 from scenegate.robots.robot_limits import RobotFileLimits
 from scenegate.robots.ros_packages import (
@@ -54,7 +54,7 @@ class RobotFiles:
             check_cancelled: Called again and again while a pipe is read; may raise an exception to cancel it.
         """
         self._check_cancelled = check_cancelled
-        self.is_pipe = path.exists() and not path.is_file() and not path.is_dir()
+        self.is_pipe = is_pipe(path)
         """True for a pipe, as in ``publish <(xacro …)``. ``path`` is then a name in the working directory, where its
         relative names start; there need not be such a file."""
         self._source = path

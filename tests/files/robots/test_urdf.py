@@ -142,7 +142,7 @@ BOX = '<visual><geometry><box size="1 2 3"/></geometry></visual>'
         (shape('<box size="1 -1 1"/>'), "size='1 -1 1' of <box> must be above 0; it is not shown"),
         (shape('<sphere radius="-1"/>'), "radius='-1' of <sphere> must be above 0; it is not shown"),
         (shape('<sphere radius="nan"/>'), "radius='nan' of <sphere> must be a finite number; it is not shown"),
-        (shape('<cylinder radius="1" length="$(arg l)"/>'), "length='$(arg l)' of <cylinder> must be a finite number"),
+        (shape('<cylinder radius="1" length="$(env l)"/>'), "length='$(env l)' of <cylinder> must be a finite number"),
         (shape('<ellipsoid radii="1 0 1"/>'), "radii='1 0 1' of <ellipsoid> must be above 0"),
         (shape("<mesh/>"), "link 'a', visual 1: <mesh> has no filename; it is not shown"),
     ],
