@@ -9,6 +9,8 @@ _MAX_JOINED: Final = 3
 """Maximum number of warnings in the sentence of an error."""
 NOTHING_DRAWN: Final = "so nothing is drawn"
 """End of a viewer's warning about a geometry that it cannot draw."""
+NOTHING_OF_ROBOT: Final = "nothing of the robot is drawn"
+"""Sentence about a robot without geometry that can be drawn."""
 
 
 def joined_warnings(warnings: Sequence[str]) -> str:

@@ -175,7 +175,7 @@ def _load_file(source: Source, options: SceneOptions) -> LoadedScene:
     draw_list, labels = _flatten_with_drake_labels(scene.root) if scene.from_drake else _flatten_numbered(scene.root)
     draw_list = replace(draw_list, lights=scene.lights)
     file_camera, flaws = usable_camera(scene.cameras, draw_list)
-    warnings = (*scene.warnings, *flaws, *scene.notes)
+    warnings = (*scene.notes, *scene.warnings, *flaws)
     description = _describe(source, scene.digests, labels, scene.generator, warnings, scene.lights)
     objects = objects_of(scene.root, scene.models)
     return LoadedScene(scene.root, draw_list, description, look, file_camera, objects=objects)

@@ -25,7 +25,7 @@ from scenegate.tree.answer import Answer, TreeViewerError
 from scenegate.tree.joint_sliders import JointSliders
 from scenegate.tree.published_robot import PublishedRobot
 from scenegate.tree.viewer import TreeViewer
-from scenegate.warning_text import NOTHING_DRAWN, joined_warnings, strict_refusal
+from scenegate.warning_text import NOTHING_DRAWN, NOTHING_OF_ROBOT, joined_warnings, strict_refusal
 
 RELOAD_SECONDS: Final = 0.5
 """Interval at which ``--reload`` checks the files of a robot for changes."""
@@ -119,8 +119,10 @@ def _publish_robot(options: argparse.Namespace, top: NodePath) -> None:
             return
         robot = publish(viewer)
         _print_robot(source, robot)
-        if robot.drawn_count == 0 and (robot.warnings or robot.answer.warnings):
-            raise ValueError(f"{source}: nothing of the robot is drawn")
+        if robot.drawn_count == 0:
+            if options.strict or robot.warnings or robot.answer.warnings:
+                raise ValueError(f"{source}: {NOTHING_OF_ROBOT}")
+            print(f"{source}: {NOTHING_OF_ROBOT}", file=sys.stderr)
         if options.sliders and _add_sliders(viewer, robot) is not None:
             print("The page shows a slider for each joint, until Ctrl+C.", file=sys.stderr, flush=True)
             while True:  # not an event: on Windows, Ctrl+C does not interrupt waiting for one

@@ -83,7 +83,8 @@ def read_robot(
         if strict and sentences:
             raise RobotFileError(strict_refusal(sentences))
         name = model.name or files.path.stem
-        return Robot(name, model.link_names, joints, parts, kinematics, sentences, digests=files.digests)
+        notes = tuple(files.notes)
+        return Robot(name, model.link_names, joints, parts, kinematics, sentences, notes, files.digests)
 
 
 def parse_links(

@@ -95,7 +95,7 @@ def _read(
     model = parse_links(root, files, geometry, limits, warnings)
     joints, kinematics = model.moving_joints(warnings), LinkKinematics(model)
     parts = LinkParts(files, limits, warnings, "z" if gltf_up == "z" else "y").of_links(model.links)
-    notes: tuple[str, ...] = ()
+    notes = tuple(files.notes)
     digests = dict(files.digests)  # without those of the collision geometry, unless it decides what is drawn
     with_gltf = [index for index, link in enumerate(model.links) if _has_gltf(link)]
     if gltf_up != "z" and with_gltf:
@@ -111,9 +111,9 @@ def _read(
             if up == "z":
                 parts = LinkParts(files, limits, [], "z").of_links(model.links)
             digests = files.digests
-            notes = (f"glTF meshes are taken as {up.upper()} up: their {reason}",)
+            notes += (f"glTF meshes are taken as {up.upper()} up: their {reason}",)
         elif up == "z":
-            notes = (f"glTF meshes are taken as Y up; with --robot-gltf-up z, their {reason}",)
+            notes += (f"glTF meshes are taken as Y up; with --robot-gltf-up z, their {reason}",)
     name = model.name or files.path.stem
     return Robot(name, model.link_names, joints, parts, kinematics, tuple(dict.fromkeys(warnings)), notes, digests)
 

@@ -19,7 +19,7 @@ from scenegate.robots.robot_files import RobotFiles
 from scenegate.robots.robot_limits import RobotFileLimits
 from scenegate.robots.robot_reader import SUFFIXES as ROBOT_SUFFIXES
 from scenegate.robots.xacro_args import parse_xacro_args
-from scenegate.warning_text import strict_refusal
+from scenegate.warning_text import NOTHING_OF_ROBOT, strict_refusal
 
 GLTF_SUFFIXES: Final = (".gltf", ".glb")
 _OTHER_MESH_SUFFIXES: Final = sorted({f".{extension}" for extension in FORMATS} - {*GLTF_SUFFIXES})
@@ -95,7 +95,12 @@ def _read_robot(path: Path, options: SceneOptions) -> SceneFile:
         root = robot.tree(parse_joints(options.joints))
     except (RobotFileError, ImportError) as error:
         raise SceneFileError(f"{path}: {str(error).removeprefix(f'{path}: ')}") from None
-    return SceneFile(root, warnings=robot.warnings, notes=robot.notes, digests=robot.digests)
+    warnings = robot.warnings
+    if not any(robot.parts):
+        warnings = (*warnings, NOTHING_OF_ROBOT)
+        if options.strict:
+            raise SceneFileError(f"{path}: {strict_refusal((NOTHING_OF_ROBOT, *robot.warnings))}")
+    return SceneFile(root, warnings=warnings, notes=robot.notes, digests=robot.digests)
 
 
 def _read_mesh(path: Path, suffix: str) -> SceneFile:

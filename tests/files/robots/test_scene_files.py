@@ -112,11 +112,12 @@ def test_an_unknown_joint_is_an_error(tmp_path: Path) -> None:
 
 
 def test_strict_refuses_warnings(tmp_path: Path) -> None:
-    path = write(tmp_path, link("<visual/>"), "a.urdf")
-    assert read_scene(path).warnings == ("link 'a', visual: it has no shape; it is not shown",)
-    with pytest.raises(SceneFileError, match=f"^{path}: link 'a', visual: it has no shape; it is not shown{REFUSED}$"):
+    sphere = '<visual><geometry><sphere radius="1"/></geometry></visual>'
+    path = write(tmp_path, link(f"<visual/>{sphere}"), "a.urdf")
+    assert read_scene(path).warnings == ("link 'a', visual 1: it has no shape; it is not shown",)
+    with pytest.raises(SceneFileError, match=f"^{path}: link .a., visual 1: it has no shape.*{REFUSED}$"):
         read_scene(path, SceneOptions(strict=True))
-    with pytest.raises(RobotFileError, match=f"^{path}: link 'a', visual: it has no shape; it is not shown{REFUSED}$"):
+    with pytest.raises(RobotFileError, match=f"^{path}: link .a., visual 1: it has no shape.*{REFUSED}$"):
         read_robot(path, strict=True)
 
 
