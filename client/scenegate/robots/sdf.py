@@ -25,6 +25,7 @@ from scenegate.robots.robot_limits import RobotFileLimits, check_count
 from scenegate.robots.sdf_frames import WORLD, Frame, Frames, read_pose
 from scenegate.robots.sdf_geometry import read_geometries
 from scenegate.robots.sdf_includes import in_folder, prefixed, read_included
+from scenegate.robots.sdf_joints import limits_of, thread_pitch
 from scenegate.robots.shared_elements import joint_kind, read_mimic, unit_axis
 from scenegate.robots.urdf import parse_urdf
 from scenegate.robots.xml_text import Element, attribute, children_as_attributes, numbers, pose_of_rpy
@@ -33,6 +34,8 @@ _KINDS: Final[dict[str, JointKind | None]] = {
     "revolute": "revolute",
     "continuous": "revolute",
     "prismatic": "prismatic",
+    "screw": "revolute",
+    "universal": "universal",
     "ball": "ball",
     "fixed": None,
 }
@@ -325,16 +328,20 @@ class _SdfReader:
     def _joint(self, name: str, element: Element, scope: _Scope, parent: str, child: str) -> LinkJoint:
         where = f"joint {name!r}"
         X_world_parent, X_world_joint = self._frames.X_world(parent), self._frames.X_world(name)
-        kind = joint_kind(attribute(element, "type"), _KINDS, where, self._warnings)
+        sdf_type = attribute(element, "type")
+        kind = joint_kind(sdf_type, _KINDS, where, self._warnings)
         axis = element.find("axis")
-        x, y, z = (0.0, 0.0, 1.0) if axis is None else self._axis(axis, scope, X_world_joint, where).tolist()
-        direction, kind = unit_axis((x, y, z), kind, where, self._warnings)
+        direction, kind = self._axis(axis, scope, X_world_joint, kind, where)
+        second_axis = (0.0, 1.0, 0.0)
+        if kind == "universal":
+            second_axis, kind = self._axis(element.find("axis2"), scope, X_world_joint, kind, where)
         motion = None
         if kind is not None:
             mimic = axis.find("mimic") if axis is not None else None
             rule = read_mimic(None if mimic is None else children_as_attributes(mimic), where, self._warnings)
             rule = None if rule is None else replace(rule, joint=scope.full_name(rule.joint))
-            motion = Joint(name, kind, NEUTRAL[kind], self._limits_of(axis, where), rule)
+            limits = limits_of(axis, where, self._warnings) if kind != "universal" else None
+            motion = Joint(name, kind, NEUTRAL[kind], limits, rule)
         return LinkJoint(
             name,
             parent,
@@ -343,31 +350,29 @@ class _SdfReader:
             direction,
             motion,
             np.linalg.inv(X_world_joint) @ self._frames.X_world(child),
+            thread_pitch(element, where, self._warnings) if sdf_type == "screw" else 0.0,
+            second_axis,
         )
 
     def _axis(
-        self, axis: Element, scope: _Scope, X_world_joint: NDArray[np.float64], where: str
-    ) -> NDArray[np.float64]:
-        """Return the axis in the joint's frame, (3,) float64, of any length."""
+        self,
+        axis: Element | None,
+        scope: _Scope,
+        X_world_joint: NDArray[np.float64],
+        kind: JointKind | None,
+        where: str,
+    ) -> tuple[tuple[float, float, float], JointKind | None]:
+        """Return the unit vector of an axis in the joint's frame, and the joint's kind; see ``unit_axis``."""
+        if axis is None:
+            return (0.0, 0.0, 1.0), kind
         direction = np.array(numbers(children_as_attributes(axis), "xyz", (0.0, 0.0, 1.0), where, self._warnings))
         frame = attribute(axis.find("xyz"), "expressed_in")
         in_model = (axis.findtext("use_parent_model_frame") or "").strip() in ("true", "1")
         if frame or in_model or scope.version < _JOINT_FRAME_VERSION:
             X_world_frame = self._frames.X_world(scope.frame(frame))
             direction = X_world_joint[:3, :3].T @ X_world_frame[:3, :3] @ direction
-        return direction
-
-    def _limits_of(self, axis: Element | None, where: str) -> tuple[float, float] | None:
-        limit = axis.find("limit") if axis is not None else None
-        if limit is None:
-            return None
-        texts = children_as_attributes(limit)
-        values = []
-        for name, default in (("lower", -1e16), ("upper", 1e16)):
-            text = attribute(texts, name).lower()
-            infinite = text.lstrip("+-") in ("inf", "infinity")
-            values.append(default if infinite else numbers(texts, name, (default,), where, self._warnings)[0])
-        return (values[0], values[1]) if max(map(abs, values)) < 1e16 else None
+        x, y, z = direction.tolist()
+        return unit_axis((x, y, z), kind, where, self._warnings)
 
 
 def _version(root: Element) -> tuple[int, ...]:

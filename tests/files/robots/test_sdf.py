@@ -15,8 +15,10 @@ from gateway.files.robots.robot import Robot
 from gateway.scene.tree.geometry import Shape, Surface
 from renderers.color import linear_from_srgb
 from scenegate.messages.geometry import Box, Capsule, Cylinder, Ellipsoid, Sphere
+from scenegate.robots.robot import JointValue
 from scenegate.robots.robot_errors import RobotFileError
 from scenegate.robots.robot_reader import read_robot as read_robot_of_client
+from scenegate.robots.xml_text import pose_of_rpy
 from tests.files.assets.mesh_files.files import DAE, png
 from tests.files.robots.files import TRIANGLE, write
 from tests.support.waiting import SECONDS
@@ -276,8 +278,8 @@ LOOP = "".join(
         ('<link name="b"><pose relative_to="b">0 0 0 0 0 0</pose></link>', "the frame 'b' is relative to itself"),
         ('<joint name="j" type="fixed"><parent>a</parent><child>x</child></joint>', "joint 'j': there is no link 'x'"),
         (
-            '<link name="b"/><joint name="j" type="screw"><parent>a</parent><child>b</child></joint>',
-            "type='screw' is not one of revolute, continuous, prismatic, ball, fixed; the joint stays at rest",
+            '<link name="b"/><joint name="j" type="gearbox"><parent>a</parent><child>b</child></joint>',
+            "type='gearbox' is not one of revolute, continuous, prismatic, screw,",
         ),
     ],
 )
@@ -563,3 +565,31 @@ def test_the_ground_plane_of_gazebo_may_be_missing(tmp_path: Path, uri: str) -> 
     np.testing.assert_allclose(robot.link_poses({})[0, :3, 3], (0, 0, -1))
     write(tmp_path, model("<link name='a'/>"), "ground_plane/model.sdf")
     assert (read_robot(tmp_path / "robot.sdf").links == ("m::a",)) != uri.startswith("https")
+
+
+@pytest.mark.parametrize(
+    ("version", "kind", "content", "value", "pose"),
+    [
+        ("1.9", "screw", "", 1.0, (0.0348, -0.0059, 1.1552, 0.2219, 0.0250, 1.2927)),
+        ("1.9", "screw", "<thread_pitch>0.1</thread_pitch>", 1.0, (-2.1835, 0.3696, -8.7517, 0.2219, 0.025, 1.2927)),
+        (
+            "1.10",
+            "screw",
+            "<screw_thread_pitch>0.2</screw_thread_pitch><thread_pitch>0.1</thread_pitch>",
+            1.0,
+            (0.007, -0.0012, 1.031, 0.2219, 0.025, 1.2927),
+        ),
+        ("1.4", "screw", "<thread_pitch>0.1</thread_pitch>", 1.0, (0, 0, -9, 0.1, 0.2, 1.3)),
+        ("1.9", "universal", "<axis2><xyz>1 0 0</xyz></axis2>", (0.4, 0.3), (0, 0, 1, 0.4701, 0.1454, 0.7024)),
+    ],
+)
+def test_screw_and_universal_joints_move_as_in_drake(
+    tmp_path: Path, version: str, kind: str, content: str, value: JointValue, pose: tuple[float, ...]
+) -> None:
+    """Poses of Drake 1.58."""
+    links = '<link name="a"/><link name="b"><pose>0 0 1 0.1 0.2 0.3</pose></link>'
+    ends = "<parent>a</parent><child>b</child><axis><xyz>0 0 1</xyz></axis>"
+    robot = read(tmp_path, model(f'{links}<joint name="j" type="{kind}">{ends}{content}</joint>', version))
+    assert robot.warnings == ()
+    X = robot.link_poses({"j": value})[1]
+    np.testing.assert_allclose(X, pose_of_rpy(pose[:3], pose[3:]), atol=2e-4)
