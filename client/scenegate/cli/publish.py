@@ -137,10 +137,10 @@ def _publish_mesh(options: argparse.Namespace, top: NodePath) -> None:
     changes.set_entry(top, Entry([MeshFile.read(source).body()]))
     with TreeViewer(options.lcm_url, options.timeout) as viewer:
         answer = viewer.send(changes)
-        failed = [warning for warning in answer.warnings if options.strict or warning.endswith(NOTHING_DRAWN)]
-        if failed:
+        failed = joined_warnings([warning for warning in answer.warnings if warning.endswith(NOTHING_DRAWN)])
+        if failed := (strict_refusal(answer.warnings) if options.strict else failed):
             viewer[top].delete()
-            raise ValueError(f"{source}: {strict_refusal(failed) if options.strict else joined_warnings(failed)}")
+            raise ValueError(f"{source}: {failed}")
     _print(answer)
 
 

@@ -80,8 +80,8 @@ def read_robot(
         joints, kinematics = model.moving_joints(warnings), LinkKinematics(model)
         parts = LinkGeometries(files, warnings, gltf_up).of_links(model.links)
         sentences = tuple(dict.fromkeys(warnings))
-        if strict and sentences:
-            raise RobotFileError(strict_refusal(sentences))
+        if strict and (refusal := strict_refusal(sentences)):
+            raise RobotFileError(refusal)
         name = model.name or files.path.stem
         notes = tuple(files.notes)
         return Robot(name, model.link_names, joints, parts, kinematics, sentences, notes, files.digests)

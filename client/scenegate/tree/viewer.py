@@ -249,9 +249,9 @@ class TreeViewer(NotebookViews, Closing):
         }
         robot = read_robot_for(self.reads_files, file, options, textures=textures, keyframe=keyframe)
         published = PublishedRobot(self, path_of(path), robot, joints or {})
-        if strict and published.answer.warnings:
+        if strict and (refusal := strict_refusal(published.answer.warnings)):
             published.delete()
-            raise ValueError(f"{fspath(file)}: {strict_refusal(published.answer.warnings)}")
+            raise ValueError(f"{fspath(file)}: {refusal}")
         return published
 
     def send(self, changes: Changes) -> Answer:

@@ -20,7 +20,7 @@ from scenegate.robots.robot_files import RobotFiles
 from scenegate.robots.robot_reader import errors_of, parse_links
 from scenegate.robots.xacro_args import XacroArgs, as_texts, expand_args
 from scenegate.robots.xml_text import parse_xml, uses_xacro
-from scenegate.warning_text import strict_refusal
+from scenegate.warning_text import strict_refusal, warnings_and_notes
 
 MAX_LINKS_FOR_NOTE: Final = 8
 """Maximum number of links whose collision geometry is read for the note about Y up: all of a robot's take 10 times as
@@ -59,8 +59,8 @@ def read_robot(
     with errors_of(path):
         files = RobotFiles(Path(path), map(Path, roots), limits, check_stop)
         robot = _read(files, geometry, keyframe, gltf_up, as_texts(xacro_args or {}), limits)
-        if strict and robot.warnings:
-            raise RobotFileError(strict_refusal(robot.warnings))
+        if strict and (refusal := strict_refusal(robot.warnings)):
+            raise RobotFileError(refusal)
         return robot
 
 
@@ -95,7 +95,9 @@ def _read(
     model = parse_links(root, files, geometry, limits, warnings)
     joints, kinematics = model.moving_joints(warnings), LinkKinematics(model)
     parts = LinkParts(files, limits, warnings, "z" if gltf_up == "z" else "y").of_links(model.links)
-    notes = tuple(files.notes)
+    sentences, gloss = warnings_and_notes(warnings)
+    more = f", as in {len(gloss) - 1} more" if len(gloss) > 1 else ""
+    notes = (*files.notes, *(f"{note}{more}" for note in gloss[:1]))
     digests = dict(files.digests)  # without those of the collision geometry, unless it decides what is drawn
     with_gltf = [index for index, link in enumerate(model.links) if _has_gltf(link)]
     if gltf_up != "z" and with_gltf:
@@ -115,7 +117,7 @@ def _read(
         elif up == "z":
             notes += (f"glTF meshes are taken as Y up; with --robot-gltf-up z, their {reason}",)
     name = model.name or files.path.stem
-    return Robot(name, model.link_names, joints, parts, kinematics, tuple(dict.fromkeys(warnings)), notes, digests)
+    return Robot(name, model.link_names, joints, parts, kinematics, sentences, notes, digests)
 
 
 def _has_gltf(link: Link) -> bool:

@@ -67,8 +67,8 @@ def read_scene(path: Path, options: SceneOptions = DEFAULT_OPTIONS) -> SceneFile
             ``options.strict`` is true. The message names the file.
     """
     scene = _read_by_suffix(path, options)
-    if options.strict and scene.warnings:
-        raise SceneFileError(f"{path}: {strict_refusal(scene.warnings)}")
+    if options.strict and (refusal := strict_refusal(scene.warnings)):
+        raise SceneFileError(f"{path}: {refusal}")
     return scene
 
 
