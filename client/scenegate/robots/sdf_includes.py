@@ -11,7 +11,7 @@ from scenegate.robots.robot_errors import RobotFileError
 from scenegate.robots.robot_files import RobotFiles
 from scenegate.robots.robot_limits import RobotFileLimits
 from scenegate.robots.ros_packages import split_url
-from scenegate.robots.xml_text import Element, parse_xml
+from scenegate.robots.xml_text import Element, parse_xml, uses_xacro
 
 _GAZEBO_MODELS: Final = {
     "ground_plane": b"""<sdf version="1.6"><model name="ground_plane"><link name="link">
@@ -44,7 +44,10 @@ def read_included(
         if name is None:
             raise
         return parse_xml(_GAZEBO_MODELS[name], limits.max_elements, warnings), folder
-    return parse_xml(files.read(path), limits.max_elements, warnings), path.parent
+    root = parse_xml(files.read(path), limits.max_elements, warnings)
+    if root.tag == "robot" and uses_xacro(root):
+        raise RobotFileError("it has xacro elements: expand it into a URDF file first")
+    return root, path.parent
 
 
 def prefixed(model: LinkModel, prefix: str, folder: Path) -> LinkModel:

@@ -521,6 +521,7 @@ def test_an_included_urdf_may_be_merged_or_placed_by_a_frame(tmp_path: Path) -> 
     ("urdf", "reason"),
     [
         ("<robot/>", "it has no links"),
+        ('<robot xmlns:xacro="x"><xacro:arm/><link name="b"/></robot>', "xacro"),
         ("<robot><link name='a'/></robot>", "there is another 'a'"),
         (
             "<robot><link name='b'/><joint name='j' type='fixed'><parent link='b'/><child link='b'/></joint></robot>",
