@@ -72,6 +72,17 @@ def read_text(path: str | os.PathLike[str], max_bytes: int = MAX_BYTES) -> str:
     return read_regular(path, max_bytes).decode("utf-8")
 
 
+def standard_input() -> Path:
+    """Return a path of the standard input: that of its file, if it is one and no pipe."""
+    file = Path(os.path.realpath("/dev/stdin"))
+    return file if file.is_file() else Path("/dev/stdin")
+
+
+def is_pipe(path: Path) -> bool:
+    """Return True for a named pipe, a shell's ``<(command)``, or the standard input of a pipeline."""
+    return path.exists() and not path.is_file() and not path.is_dir()
+
+
 def read_file_or_pipe(
     path: str | os.PathLike[str], max_bytes: int = MAX_BYTES, check: Callable[[], object] = lambda: None
 ) -> bytes:

@@ -13,6 +13,7 @@ from msgspec.structs import replace
 from gateway.cli.dataset import MAX_SHOWN, ExportFormat, export_dataset
 from gateway.cli.render_options import RenderOptions
 from scenegate.cli.output import print_note
+from scenegate.regular_files import is_pipe
 
 if TYPE_CHECKING:
     from gateway.datasets.classes import ClassTable
@@ -51,6 +52,8 @@ def run(options: RenderOptions) -> None:
     if suffix in UNSUPPORTED_SUFFIXES and not is_folder:
         raise ValueError(f"{options.out}: images are written as {', '.join(IMAGE_SUFFIXES)}; or name a folder with -o")
     is_image = suffix in IMAGE_SUFFIXES and not is_folder
+    if not is_image and any(map(is_pipe, options.scenes)):
+        raise ValueError("a pipe is for one image, as it can be read only once: for a dataset write it into a file")
     image_types = _parse_types(options.types)
     formats = _check_options(options, image_types, is_image=is_image)
     background = _parse_color(options.background)
@@ -113,6 +116,7 @@ def _check_options(options: RenderOptions, types: tuple[ImageType, ...], *, is_i
     """
     from scenegate.datasets.formats import FORMATS, check_destination, check_types
     from scenegate.robots.joint_text import parse_joints
+    from scenegate.robots.xacro_args import parse_xacro_args
 
     _check_stereo(types, options.baseline, options.stereo_profile)
     if options.depth_mode is not None and "measured" not in types:
@@ -131,6 +135,7 @@ def _check_options(options: RenderOptions, types: tuple[ImageType, ...], *, is_i
     if options.rig is not None and options.look not in ("auto", "studio"):
         print_note(f"--rig lights the studio look only: --look {options.look} is rendered without it")
     parse_joints(options.joint or ())
+    parse_xacro_args(options.xacro_arg or ())
     return formats
 
 
@@ -142,6 +147,7 @@ def _settings(options: RenderOptions, types: tuple[ImageType, ...], background: 
     shared_names = {each.name for each in fields(options)} & {*Settings.__struct_fields__}
     values = {name: getattr(options, name) for name in shared_names}
     values |= {"types": types, "background": background, "joints": tuple(options.joint or ())}
+    values["xacro_args"] = tuple(options.xacro_arg or ())
     values["roots"] = tuple(str(folder.absolute()) for folder in options.root or ())
     if options.rig is not None:
         values |= {"rig": str(options.rig.absolute()), "rig_sha256": rig_digest(options.rig)}

@@ -6,7 +6,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from typer import Argument, Option
+from typer import Argument, BadParameter, Option
+
+from scenegate.regular_files import standard_input
 
 
 def _file(text: str) -> Any:
@@ -19,6 +21,14 @@ def _folder(text: str) -> Any:
     return Option(metavar="FOLDER", exists=True, file_okay=False, help=text)
 
 
+def _scene(text: str) -> Path:
+    """Return the path of a file, folder or pipe; ``-`` is the standard input."""
+    path = standard_input() if text == "-" else Path(text)
+    if not path.exists():
+        raise BadParameter(f"path {text!r} does not exist.")
+    return path
+
+
 @dataclass(frozen=True, slots=True)
 class RenderOptions:
     """Values of the options, named as in ``manifest.Settings`` where they are settings of a dataset."""
@@ -27,10 +37,10 @@ class RenderOptions:
         list[Path],
         Argument(
             metavar="SCENES...",
-            exists=True,
+            parser=_scene,
             help="glTF files, mesh files (.obj, .stl, .ply, .dae, .vtk), robot files (.urdf, .sdf, .xml, .xacro), tree "
             "viewer requests (.json), recorded render requests (.multipart), scenarios (.toml), or folders of such "
-            "files.",
+            "files. For one image also a pipe with a robot file; - is the standard input.",
         ),
     ]
     out: Annotated[
@@ -144,6 +154,10 @@ class RenderOptions:
     root: Annotated[
         list[Path] | None,
         _folder("Folder with the packages of a robot file's package:// names. Can be repeated."),
+    ] = None
+    xacro_arg: Annotated[
+        list[str] | None,
+        Option(metavar="NAME:=VALUE", help="Value of an argument of a xacro file, $(arg NAME). Can be repeated."),
     ] = None
     variant: Annotated[
         str, Option(metavar="NAME", help="Variant of the materials of glTF files (KHR_materials_variants).")

@@ -33,13 +33,15 @@ COMMON = frozenset(
     }
 )
 """Settings that ``--help`` lists."""
+REPEATABLE = frozenset({"xacro_arg"})
+"""Settings whose flag can be repeated."""
 
 
 def add_serve(app: typer.Typer) -> None:
     """Add the command. Typer reads its flags from a signature that is made from the settings."""
 
     def serve(config: Path | None, help_all: bool | None, **flags: Any) -> None:
-        given = {name: value for name, value in flags.items() if value is not None}
+        given = {name: value for name, value in flags.items() if value not in (None, [])}
         try:
             settings = load(given, config)
         except SettingsError as error:
@@ -85,6 +87,8 @@ def _flag(name: str, field: FieldInfo) -> Any:
         show_default=False,
         hidden=name not in COMMON,
     )
+    if name in REPEATABLE:
+        return Annotated[list[str] | None, info]
     return Annotated[bool | None if switch else str | None, info]
 
 

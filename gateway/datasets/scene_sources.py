@@ -16,6 +16,7 @@ from gateway.datasets.views import View, scene_views
 from gateway.files.robots.scene_files import AMBIGUOUS_SUFFIXES, FOLDER_SUFFIXES
 from scenegate.datasets import manifest
 from scenegate.printable import printable
+from scenegate.regular_files import is_pipe
 
 
 class SourceKind(Enum):
@@ -140,6 +141,8 @@ def _named_sources(path: Path, numbers: range | None) -> list[Source]:
     """Return the scenes of a file that a command names: the scenes of a scenario, or the only one of another file."""
     if path.suffix.lower() != ".toml":
         kind = kind_of(path) or _NAMED_SUFFIXES.get(path.suffix.lower())
+        if not path.suffix and is_pipe(path):
+            kind = SourceKind.FILE
         if kind is None:
             raise DatasetError(f"{path} is not a scene: not {_SUFFIXES}, {', '.join(_NAMED_SUFFIXES)}")
         return [_make_source(path.name, path, kind)]
@@ -157,7 +160,7 @@ def _make_source(name: str, path: Path, kind: SourceKind) -> Source:
         problem = f"a name of {len(name)} characters; {MAX_NAME_CHARS} are the most: rename the file"
     elif bad_character := next((char for char in name if char == "\\" or not char.isprintable()), None):
         problem = f"a name with the character {bad_character!r}, which not every system can write: rename the file"
-    return Source(name, str(path.resolve()), kind, problem)
+    return Source(name, str(path if is_pipe(path) else path.resolve()), kind, problem)
 
 
 def kind_of(path: Path) -> SourceKind | None:

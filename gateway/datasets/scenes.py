@@ -175,7 +175,7 @@ def _load_file(source: Source, options: SceneOptions) -> LoadedScene:
     draw_list, labels = _flatten_with_drake_labels(scene.root) if scene.from_drake else _flatten_numbered(scene.root)
     draw_list = replace(draw_list, lights=scene.lights)
     file_camera, flaws = usable_camera(scene.cameras, draw_list)
-    warnings = (*scene.warnings, *flaws, *scene.notes)
+    warnings = (*scene.notes, *scene.warnings, *flaws)
     description = _describe(source, scene.digests, labels, scene.generator, warnings, scene.lights)
     objects = objects_of(scene.root, scene.models)
     return LoadedScene(scene.root, draw_list, description, look, file_camera, objects=objects)
@@ -194,8 +194,8 @@ def _load_tree(source: Source, files: FolderFiles, options: SceneOptions) -> Loa
     response = applier.response(0)
     if response.error:
         raise SceneError(response.error)
-    if options.strict and response.warnings:
-        raise SceneError(strict_refusal(response.warnings))
+    if options.strict and (refusal := strict_refusal(response.warnings)):
+        raise SceneError(refusal)
     root = live.snapshot.root
     draw_list, labels = _flatten_numbered(root)
     description = _describe(source, files.digests, labels, warnings=tuple(response.warnings))
@@ -239,8 +239,8 @@ def _load_scenario(source: Source, options: SceneOptions) -> LoadedScene:
     if record is None or record.scenario is None or record.sha256 != scene_digest(_sources(source, built.digests)):
         choices = draw_choices(catalogue, source.number)
         built = build_scene(catalogue, choices, 0)
-    if options.strict and built.warnings:
-        raise SceneError(strict_refusal(built.warnings))
+    if options.strict and (refusal := strict_refusal(built.warnings)):
+        raise SceneError(refusal)
     draw_list, labels = _flatten_numbered(built.root)
     description = _describe(source, built.digests, labels, "", built.warnings, built.scenery.rig.lights)
     description = msgspec.structs.replace(description, scenario=msgspec.to_builtins(choices))

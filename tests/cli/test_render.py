@@ -2,14 +2,21 @@
 
 from __future__ import annotations
 
+import os
+import threading
 from pathlib import Path
 
+import numpy as np
 import pytest
 from typer.testing import CliRunner, Result
 
 from gateway.cli.commands import app
 from gateway.cli.render import _parse_color, _parse_types
 from gateway.runtime.kernels import loading
+from renderers.images import decode_image
+from tests.files.robots.files import visual
+from tests.support.command import scenegate
+from tests.support.waiting import SECONDS
 
 
 def test_types_are_in_a_fixed_order() -> None:
@@ -110,3 +117,15 @@ def test_a_rig_for_another_look_is_a_warning(monkeypatch: pytest.MonkeyPatch, sc
     for look, warned in (("phong", True), ("pbr", True), ("auto", False), ("studio", False)):
         result = render(monkeypatch, file, "-o", "out.png", "--rig", file, "--look", look)
         assert ("--rig lights the studio look only" in result.stderr) == warned
+
+
+def test_a_pipe_is_drawn_once_and_makes_no_dataset(tmp_path: Path) -> None:
+    pipe, out = tmp_path / "pipe", tmp_path / "a.png"
+    os.mkfifo(pipe)
+    writer = threading.Thread(target=pipe.write_bytes, args=(visual('<box size="$(arg side) 1 1"/>').encode(),))
+    writer.start()
+    ran = scenegate("render", str(pipe), "-o", str(out), "--xacro-arg", "side:=1")
+    writer.join(SECONDS)
+    assert (ran.exit_code, ran.stderr) == (0, "")
+    assert len(np.unique(decode_image(out.read_bytes()))) > 2
+    assert "pipe" in scenegate("render", str(pipe), "-o", str(tmp_path / "out")).stderr

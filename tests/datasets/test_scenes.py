@@ -15,6 +15,7 @@ from gateway.files.robots.reader import read_robot
 from gateway.files.robots.scene_files import SceneOptions
 from renderers.drawlist import LABEL_NONE
 from scenegate.datasets import manifest
+from scenegate.warning_text import NOTHING_OF_ROBOT
 from tests.datasets.conftest import TREE
 from tests.files.robots.files import ARM, TRIANGLE, visual, write
 from tests.support import forms
@@ -137,7 +138,8 @@ def test_a_robot_is_posed_by_its_joints_and_has_a_label_for_each_link(tmp_path: 
 def test_files_of_robots_are_found_below_roots(tmp_path: Path) -> None:
     write(tmp_path / "packages" / "pkg", TRIANGLE, "m.obj")
     (source,) = find_sources([write(tmp_path / "a" / "b", visual('<mesh filename="package://pkg/m.obj"/>'))])
-    (warning,) = load_scene(source).description.warnings
+    warning, nothing_drawn = load_scene(source).description.warnings
+    assert nothing_drawn == NOTHING_OF_ROBOT
     assert warning.startswith("link 'a': the mesh package://pkg/m.obj is not shown: the package 'pkg' is not")
     scene = load_scene(source, SceneOptions(roots=(str(tmp_path / "packages"),)))
     assert [file.path for file in scene.description.sources] == ["robot.urdf", "../../packages/pkg/m.obj"]

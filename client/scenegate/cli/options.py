@@ -9,6 +9,8 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
+from scenegate.regular_files import standard_input
+
 if TYPE_CHECKING:
     from scenegate.credentials import Credentials
 
@@ -16,8 +18,8 @@ Number = TypeVar("Number", int, float)
 
 
 def existing_file(text: str) -> Path:
-    """Return the path of an existing file or pipe."""
-    path = Path(text)
+    """Return the path of an existing file or pipe; ``-`` is the standard input."""
+    path = standard_input() if text == "-" else Path(text)
     if path.is_dir():
         raise argparse.ArgumentTypeError(f"{text!r} is a folder, not a file")
     if not path.exists():

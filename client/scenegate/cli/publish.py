@@ -17,14 +17,15 @@ from scenegate.cli.output import print_line, print_note
 from scenegate.messages.changes import Changes, Entry, path_of
 from scenegate.messages.changes import Path as NodePath
 from scenegate.messages.mesh_file import MeshFile
-from scenegate.regular_files import read_file_or_pipe
+from scenegate.regular_files import is_pipe, read_file_or_pipe
 from scenegate.robots.joint_text import parse_joints
 from scenegate.robots.robot_reader import SUFFIXES
+from scenegate.robots.xacro_args import parse_xacro_args
 from scenegate.tree.answer import Answer, TreeViewerError
 from scenegate.tree.joint_sliders import JointSliders
 from scenegate.tree.published_robot import PublishedRobot
 from scenegate.tree.viewer import TreeViewer
-from scenegate.warning_text import NOTHING_DRAWN, joined_warnings, strict_refusal
+from scenegate.warning_text import NOTHING_DRAWN, NOTHING_OF_ROBOT, joined_warnings, strict_refusal
 
 RELOAD_SECONDS: Final = 0.5
 """Interval at which ``--reload`` checks the files of a robot for changes."""
@@ -35,7 +36,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add = parser.add_argument
     help_text = (
         "a request of the protocol in JSON; a mesh: glb, gltf, obj, stl, ply, dae, vtk; or a robot file: urdf, sdf, "
-        "xacro, xml (MJCF). A pipe without a suffix is a robot: <(xacro robot.urdf.xacro)"
+        "xacro, xml (MJCF). A pipe is a robot: <(xacro robot.urdf.xacro), or - for the standard input"
     )
     add("source", metavar="SCENE.json|MESH|ROBOT", type=existing_file, help=help_text)
     add("--path", default="", help="path in the tree: robot/base")
@@ -52,6 +53,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     robot("--joint", action="append", default=[], metavar="NAME=VALUE", help=help_text)
     help_text = "folder with the packages of a robot file's package:// names. Can be repeated"
     robot("--root", action="append", default=[], type=existing_folder, metavar="FOLDER", help=help_text)
+    help_text = "value of an argument of a xacro file, $(arg NAME). Can be repeated"
+    robot("--xacro-arg", action="append", default=[], metavar="NAME:=VALUE", help=help_text)
     help_text = "keyframe of an MJCF file, which has the joints' values"
     robot("--keyframe", default="", metavar="NAME", help=help_text)
     help_text = "up axis of a robot's glTF meshes; auto: the one that fits the collision geometry (default: y)"
@@ -73,14 +76,14 @@ def run(options: argparse.Namespace) -> None:
     """Publish a file, in place of everything at and below the path."""
     source: Path = options.source
     logging.getLogger("scenegate.tree.viewer").setLevel(logging.ERROR)  # the command prints the viewer's warnings
-    is_pipe = not source.is_file()
-    if source.suffix.lower() in SUFFIXES or (is_pipe and not source.suffix):
-        if options.reload and is_pipe:
+    piped = is_pipe(source)
+    if source.suffix.lower() in SUFFIXES or (piped and not source.suffix):
+        if options.reload and piped:
             raise ValueError(f"{source}: --reload needs a file, not a pipe")
-        _publish_robot(options, path_of(options.path) or ("robot" if is_pipe else source.stem,))
+        _publish_robot(options, path_of(options.path) or ("robot" if piped else source.stem,))
         return
-    if options.joint or options.root or options.keyframe or options.collision or options.reload:
-        flags = "--joint, --root, --keyframe, --collision and --reload"
+    if any((options.joint, options.root, options.xacro_arg, options.keyframe, options.collision, options.reload)):
+        flags = "--joint, --root, --xacro-arg, --keyframe, --collision and --reload"
         raise ValueError(f"{source}: {flags} are for robot files ({', '.join(SUFFIXES)})")
     if source.suffix.lower() == ".json":
         changes = Changes()
@@ -106,6 +109,7 @@ def _publish_robot(options: argparse.Namespace, top: NodePath) -> None:
             keyframe=options.keyframe,
             gltf_up=options.robot_gltf_up,
             strict=options.strict,
+            xacro_args=parse_xacro_args(options.xacro_arg),
         )
 
     with contextlib.suppress(KeyboardInterrupt), TreeViewer(options.lcm_url, options.timeout) as viewer:
@@ -115,8 +119,10 @@ def _publish_robot(options: argparse.Namespace, top: NodePath) -> None:
             return
         robot = publish(viewer)
         _print_robot(source, robot)
-        if robot.drawn_count == 0 and (robot.warnings or robot.answer.warnings):
-            raise ValueError(f"{source}: nothing of the robot is drawn")
+        if robot.drawn_count == 0:
+            if options.strict or robot.warnings or robot.answer.warnings:
+                raise ValueError(f"{source}: {NOTHING_OF_ROBOT}")
+            print_note(f"{source}: {NOTHING_OF_ROBOT}")
         if options.sliders and _add_sliders(viewer, robot) is not None:
             print_note("The page shows a slider for each joint, until Ctrl+C.")
             while True:  # not an event: on Windows, Ctrl+C does not interrupt waiting for one
@@ -131,10 +137,10 @@ def _publish_mesh(options: argparse.Namespace, top: NodePath) -> None:
     changes.set_entry(top, Entry([MeshFile.read(source).body()]))
     with TreeViewer(options.lcm_url, options.timeout) as viewer:
         answer = viewer.send(changes)
-        failed = [warning for warning in answer.warnings if options.strict or warning.endswith(NOTHING_DRAWN)]
-        if failed:
+        failed = joined_warnings([warning for warning in answer.warnings if warning.endswith(NOTHING_DRAWN)])
+        if failed := (strict_refusal(answer.warnings) if options.strict else failed):
             viewer[top].delete()
-            raise ValueError(f"{source}: {strict_refusal(failed) if options.strict else joined_warnings(failed)}")
+            raise ValueError(f"{source}: {failed}")
     _print(answer)
 
 

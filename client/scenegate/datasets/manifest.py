@@ -92,6 +92,8 @@ class Settings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """Joint values of robot files, as ``name=value``."""
     roots: tuple[str, ...] = ()
     """Folders with the packages that robot files name."""
+    xacro_args: tuple[str, ...] = ()
+    """Arguments of xacro files, as ``name:=value``."""
     variant: str = ""
     """Variant of the materials of glTF files (KHR_materials_variants); empty: the default materials."""
     keyframe: str = ""

@@ -32,10 +32,14 @@ class LinkKinematics:
         kinds = [joint.motion.kind if joint.motion is not None else None for joint in ordered]
         self._revolute = np.array([i for i, kind in enumerate(kinds) if kind == "revolute"], np.intp)
         self._prismatic = np.array([i for i, kind in enumerate(kinds) if kind == "prismatic"], np.intp)
-        self._other_joints = [(i, kind) for i, kind in enumerate(kinds) if kind in ("ball", "planar", "floating")]
+        self._other_joints = [
+            (i, kind) for i, kind in enumerate(kinds) if kind in ("universal", "ball", "planar", "floating")
+        ]
         """Index and kind of each joint with several values."""
         self._names = [joint.name for joint in ordered]
         self._axes = np.array([joint.axis for joint in ordered]).reshape(-1, 3)
+        self._second_axes = np.array([joint.second_axis for joint in ordered]).reshape(-1, 3)
+        self._pitches = np.array([joint.pitch for joint in ordered])
 
     def link_poses(self, values: Mapping[str, tuple[float, ...]]) -> NDArray[np.float64]:
         """Return X_robot_link, (number of links, 4, 4) float64, for the values of all joints."""
@@ -43,6 +47,7 @@ class LinkKinematics:
         if len(self._revolute):
             q = np.array([values[self._names[i]][0] for i in self._revolute])
             X_motion[self._revolute, :3, :3] = _rotations(self._axes[self._revolute], q)
+            X_motion[self._revolute, :3, 3] = (q * self._pitches[self._revolute])[:, None] * self._axes[self._revolute]
         if len(self._prismatic):
             q = np.array([values[self._names[i]] for i in self._prismatic])
             X_motion[self._prismatic, :3, 3] = q * self._axes[self._prismatic]
@@ -50,6 +55,9 @@ class LinkKinematics:
             value = values[self._names[i]]
             if kind == "planar":
                 X_motion[i] = _planar(self._axes[i], value)
+            elif kind == "universal":
+                axes = np.stack((self._axes[i], self._second_axes[i]))
+                X_motion[i, :3, :3] = np.matmul(*_rotations(axes, np.array(value)))
             else:
                 X_motion[i] = from_pose(value[:-4] or (0.0, 0.0, 0.0), value[-4:])
         X_parent_child = self._X_parent_joint @ X_motion @ self._X_joint_child
@@ -71,20 +79,25 @@ def _rotations(axes: NDArray[np.float64], angles: NDArray[np.float64]) -> NDArra
 def _planar(normal: NDArray[np.float64], value: Sequence[float]) -> NDArray[np.float64]:
     """Return the motion of a planar joint, (4, 4): a translation in the plane, and a rotation about its normal.
 
-    The plane's x axis is the projection of one axis of the joint's frame: the axis closest to the plane. For a normal
-    along z, it is x.
+    As in Drake and MuJoCo, the plane's axes are x and y turned by the shortest rotation from z to the normal. For -z,
+    that is half a turn about x.
 
     Args:
         normal: (3,) unit vector.
         value: x and y in metres, angle in radians.
     """
     x, y, angle = value
-    nearest_axis = np.eye(3)[int(np.argmin(np.abs(normal)))]
-    plane_x = nearest_axis - normal * (normal @ nearest_axis)
-    plane_x /= np.linalg.norm(plane_x)
+    n_x, n_y, n_z = normal.tolist()
+    sine_squared = n_x * n_x + n_y * n_y
+    if sine_squared == 0.0:
+        plane_x, plane_y = np.array((1.0, 0.0, 0.0)), np.array((0.0, n_z, 0.0))
+    else:
+        k = 1.0 / (1.0 + n_z) if n_z > 0.0 else (1.0 - n_z) / sine_squared  # equal; neither cancels digits
+        plane_x = np.array((1.0 - k * n_x * n_x, -k * n_x * n_y, -n_x))
+        plane_y = np.array((-k * n_x * n_y, 1.0 - k * n_y * n_y, -n_y))
     X = np.eye(4)
     X[:3, :3] = _rotations(normal[None], np.array([angle]))[0]
-    X[:3, 3] = x * plane_x + y * np.cross(normal, plane_x)
+    X[:3, 3] = x * plane_x + y * plane_y
     return X
 
 

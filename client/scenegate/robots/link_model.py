@@ -85,6 +85,10 @@ class LinkJoint:
     """Kind, default value, limits and mimic rule; None: the joint is fixed."""
     X_joint_child: NDArray[np.float64] = field(default_factory=lambda: IDENTITY)  # an array is no valid default
     """(4, 4) float64: pose of the child in the joint's frame at the neutral value. In URDF it is the identity."""
+    pitch: float = 0.0
+    """Translation of a revolute joint along its axis, metres per radian: that of a screw."""
+    second_axis: tuple[float, float, float] = (0.0, 1.0, 0.0)
+    """Second axis of a universal joint: a unit vector in the frame that has turned about the first one."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

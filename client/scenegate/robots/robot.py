@@ -16,8 +16,8 @@ PartType = TypeVar("PartType")
 """Type of the geometry: ``Geometry`` to publish, or the server's own."""
 GeometryUse = Literal["visual", "collision"]
 """Use of a link's geometry: to show it, or to check for collisions in a simulation."""
-JointKind = Literal["revolute", "prismatic", "ball", "planar", "floating"]
-"""Kind of a joint that moves. ``revolute`` includes URDF's ``continuous``."""
+JointKind = Literal["revolute", "prismatic", "universal", "ball", "planar", "floating"]
+"""Kind of a joint that moves. ``revolute`` includes URDF's ``continuous``, and screws."""
 JointValue: TypeAlias = ArrayLike
 """Value of a joint: a number, or a sequence; see ``NEUTRAL``."""
 MAX_MIMIC_CHAIN: Final = 100
@@ -27,12 +27,14 @@ chain of N joints takes N² steps. Robots have fewer than 10."""
 NEUTRAL: Final[Mapping[JointKind, tuple[float, ...]]] = {
     "revolute": (0.0,),
     "prismatic": (0.0,),
+    "universal": (0.0, 0.0),
     "ball": (1.0, 0.0, 0.0, 0.0),
     "planar": (0.0, 0.0, 0.0),
     "floating": (0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0),
 }
-"""Values of the zero configuration. Angles are in radians, lengths in metres. ``ball``: a quaternion [w, x, y, z].
-``planar``: x, y and the angle. ``floating``: x, y, z and a quaternion [w, x, y, z]."""
+"""Values of the zero configuration. Angles are in radians, lengths in metres. ``universal``: angles about both axes.
+``ball``: a quaternion [w, x, y, z]. ``planar``: x, y and the angle. ``floating``: x, y, z and a quaternion
+[w, x, y, z]."""
 
 _UNITS: Final[Mapping[JointKind, Literal["rad", "m"]]] = {"revolute": "rad", "prismatic": "m"}
 

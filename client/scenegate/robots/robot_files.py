@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Final
 
 from scenegate.messages.mesh_file import referenced_path, spellings
-from scenegate.regular_files import read_file_or_pipe, read_regular
+from scenegate.regular_files import is_pipe, read_file_or_pipe, read_regular
 from scenegate.robots.robot_errors import RobotFileError
 from scenegate.robots.robot_limits import RobotFileLimits
 from scenegate.robots.ros_packages import (
@@ -54,7 +54,7 @@ class RobotFiles:
             check_cancelled: Called again and again while a pipe is read; may raise an exception to cancel it.
         """
         self._check_cancelled = check_cancelled
-        self.is_pipe = path.exists() and not path.is_file() and not path.is_dir()
+        self.is_pipe = is_pipe(path)
         """True for a pipe, as in ``publish <(xacro …)``. ``path`` is then a name in the working directory, where its
         relative names start; there need not be such a file."""
         self._source = path
@@ -66,6 +66,8 @@ class RobotFiles:
         self._packages = Packages(self._package_roots)
         self._limits = limits
         self._remaining_bytes = limits.max_total_bytes
+        self.notes: list[str] = []
+        """A sentence for each package whose files are named by a path on another machine."""
         self.digests: dict[str, str] = {}
         """SHA-256 in hexadecimal of each file that has been read, by path relative to the robot file's folder."""
 
@@ -80,7 +82,8 @@ class RobotFiles:
     def find(self, name: str) -> Path:
         """Return the path of a file that the robot file names.
 
-        If no file has the literal name, backslashes are read as slashes, then URL escapes (``%20``) are decoded.
+        If no file has the literal name, backslashes are read as slashes, then URL escapes (``%20``) are decoded. An
+        absolute path of another machine, ``/…/share/NAME/rest`` or ``/…/NAME/meshes/…``, is that of a package's file.
 
         Args:
             name: File name or URL.
@@ -95,6 +98,14 @@ class RobotFiles:
                 if candidate.is_file():
                     return Path(os.path.realpath(candidate))
                 missing.append(candidate)
+        for package, path_in_package in _split_path(scheme, spellings(rest)[-1]):
+            for folder in self._package_folders(package):
+                if (folder / path_in_package).is_file():
+                    start = name.partition(package)[0] + package
+                    note = f"{start} is not on this machine, its files are read from {folder}"
+                    if note not in self.notes:
+                        self.notes.append(note)
+                    return Path(os.path.realpath(folder / path_in_package))
         raise RobotFileError(self._not_found(name, scheme, missing))
 
     def find_model(self, uri: str, folder: Path) -> Path:
@@ -204,14 +215,19 @@ class RobotFiles:
             other = _other_case(candidate)
             if other is not None:
                 return f"there is no such file, but one whose name differs in upper and lower case: {other}"
-        if scheme not in _PACKAGE_SCHEMES:
-            return "there is no such file"
-        package, _ = _split_package(name.partition("://")[2])
+        if scheme in _PACKAGE_SCHEMES:
+            package, _ = _split_package(name.partition("://")[2])
+            start = ""
+        else:
+            package = next((package for package, _ in _split_path(*split_url(name))), "")
+            start = "there is no such file, and "
+            if not package:
+                return "there is no such file"
         folder = self.find_package(package)
         if folder is not None:
-            return f"there is no such file in {folder}"
+            return f"there is no such file{', nor one' if start else ''} in {folder}"
         return (
-            f"the package {package!r} is not above or beside the robot file, nor in a folder of "
+            f"{start}the package {package!r} is not above or beside the robot file, nor in a folder of "
             f"{', '.join(PATH_VARIABLES)} or AMENT_PREFIX_PATH; name a folder that contains it with --root"
         )
 
@@ -235,6 +251,15 @@ def _split_package(path: str) -> tuple[str, str]:
     """Return the package that the rest of a package URL names, and the path in it."""
     package, _, path_in_package = path.lstrip("/").partition("/")
     return package, path_in_package.lstrip("/")
+
+
+def _split_path(scheme: str, path: str) -> Iterator[tuple[str, str]]:
+    """Yield the packages in whose folder a file with an absolute path may be, each with the path in it."""
+    parts = path.replace("\\", "/").split("/")
+    if scheme == "file" or (not scheme and (parts[0] == "" or parts[0].endswith(":"))):
+        for index, part in enumerate(parts[:-1]):
+            if part not in _NOT_PACKAGES and (parts[index - 1] == "share" or parts[index + 1] == "meshes"):
+                yield part, "/".join(parts[index + 1 :])
 
 
 def _files_of_config(config: Path) -> list[str]:

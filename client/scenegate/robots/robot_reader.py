@@ -23,6 +23,7 @@ from scenegate.robots.robot_files import RobotFiles
 from scenegate.robots.robot_limits import RobotFileLimits
 from scenegate.robots.sdf import parse_sdf
 from scenegate.robots.urdf import parse_urdf
+from scenegate.robots.xacro_args import XacroArgs, as_texts, expand_args
 from scenegate.robots.xml_text import Element, parse_xml, uses_xacro
 from scenegate.warning_text import strict_refusal
 
@@ -41,6 +42,7 @@ def read_robot(
     geometry: GeometryUse = "visual",
     gltf_up: Literal["y", "z"] = "y",
     strict: bool = False,
+    xacro_args: XacroArgs | None = None,
     limits: RobotFileLimits | None = None,
 ) -> Robot[Geometry]:
     """Read a URDF or SDF file. Its mesh files are not decoded: the viewer reads them.
@@ -53,6 +55,7 @@ def read_robot(
         geometry: Geometry of the links to return.
         gltf_up: Up axis of glTF meshes.
         strict: True: a warning is an error.
+        xacro_args: Values of ``$(arg name)`` by name.
         limits: Limits; None: ``RobotFileLimits()``.
 
     Raises:
@@ -72,14 +75,16 @@ def read_robot(
             if files.is_pipe:
                 raise RobotFileError(f"{what} is read from files only, not pipes: write it into a file first")
             raise NeedsServerError(f"{what} needs packages of the server: pip install 'scenegate[robots]'")
+        expand_args(root, as_texts(xacro_args or {}), warnings)
         model = parse_links(root, files, geometry, limits, warnings)
         joints, kinematics = model.moving_joints(warnings), LinkKinematics(model)
         parts = LinkGeometries(files, warnings, gltf_up).of_links(model.links)
         sentences = tuple(dict.fromkeys(warnings))
-        if strict and sentences:
-            raise RobotFileError(strict_refusal(sentences))
+        if strict and (refusal := strict_refusal(sentences)):
+            raise RobotFileError(refusal)
         name = model.name or files.path.stem
-        return Robot(name, model.link_names, joints, parts, kinematics, sentences, digests=files.digests)
+        notes = tuple(files.notes)
+        return Robot(name, model.link_names, joints, parts, kinematics, sentences, notes, files.digests)
 
 
 def parse_links(

@@ -7,6 +7,7 @@ Elements that are invalid are left out or get a default, with a warning. Links o
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from itertools import islice
 from pathlib import Path
 from typing import Final
 
@@ -15,21 +16,26 @@ from numpy.typing import NDArray
 
 from scenegate.name_hint import name_hint
 from scenegate.regular_files import reason_of
-from scenegate.robots.link_model import Link, LinkGeometry, LinkJoint, LinkModel, MeshReference
+from scenegate.robots.link_kinematics import LinkKinematics
+from scenegate.robots.link_model import Link, LinkJoint, LinkModel
 from scenegate.robots.robot import NEUTRAL, GeometryUse, Joint, JointKind
 from scenegate.robots.robot_errors import RobotFileError, no_links
 from scenegate.robots.robot_files import RobotFiles
 from scenegate.robots.robot_limits import RobotFileLimits, check_count
-from scenegate.robots.ros_packages import split_url
 from scenegate.robots.sdf_frames import WORLD, Frame, Frames, read_pose
 from scenegate.robots.sdf_geometry import read_geometries
+from scenegate.robots.sdf_includes import in_folder, prefixed, read_included
+from scenegate.robots.sdf_joints import limits_of, thread_pitch
 from scenegate.robots.shared_elements import joint_kind, read_mimic, unit_axis
-from scenegate.robots.xml_text import Element, attribute, children_as_attributes, numbers, parse_xml
+from scenegate.robots.urdf import parse_urdf
+from scenegate.robots.xml_text import Element, attribute, children_as_attributes, numbers, pose_of_rpy
 
 _KINDS: Final[dict[str, JointKind | None]] = {
     "revolute": "revolute",
     "continuous": "revolute",
     "prismatic": "prismatic",
+    "screw": "revolute",
+    "universal": "universal",
     "ball": "ball",
     "fixed": None,
 }
@@ -62,8 +68,9 @@ class _Scope:
         return name if WORLD in (self.name, name) else f"{self.name}{_SEPARATOR}{name}"
 
     def frame(self, name: str) -> str:
-        """Return the full name of the frame that a pose is relative to, given the name in the file or none."""
-        return self.base if name in ("", "__model__") else self.full_name(name)
+        """Return the full name of a frame, given the name in the file; without one, of the model's own."""
+        name = name.removesuffix("__model__").removesuffix(_SEPARATOR)
+        return self.full_name(name) if name else self.base
 
 
 def parse_sdf(
@@ -89,8 +96,9 @@ class _SdfReader:
         self._limits = limits
         self._warnings = warnings
         self._frames = Frames(warnings)
-        self._links: dict[str, tuple[Element, _Scope]] = {}
-        self._joints: dict[str, tuple[Element, _Scope]] = {}
+        self._links: dict[str, tuple[Element, _Scope] | Link] = {}
+        """Links by full name; those of included URDF files are parsed already, as are their joints."""
+        self._joints: dict[str, tuple[Element, _Scope] | LinkJoint] = {}
         self._include_count = 0
 
     def read(self, root: Element) -> LinkModel:
@@ -104,9 +112,12 @@ class _SdfReader:
                 self._add_content(world, scope)
         if not self._links:
             raise no_links(self._warnings)
-        count = sum(len(element.findall(self._use)) for element, _ in self._links.values())
+        count = sum(
+            len(link.geometries if isinstance(link, Link) else link[0].findall(self._use))
+            for link in self._links.values()
+        )
         check_count(count, self._limits.max_geometries, "geometries")
-        links = tuple(self._link(link, *found) for link, found in self._links.items())
+        links = tuple(link if isinstance(link, Link) else self._link(name, *link) for name, link in self._links.items())
         joints, X_robot_root = self._tree()
         if WORLD not in self._links and any(joint.parent == WORLD for joint in joints):
             links = (Link(WORLD, ()), *links)
@@ -132,7 +143,59 @@ class _SdfReader:
     def _add_model(
         self, model: Element, scope: _Scope, name: str, placed: Element | None = None, merge: bool = False
     ) -> None:
-        """Add a model.
+        """Add a model. See ``_place``."""
+        inner, frame = self._place(model, scope, name, placed, merge)
+        first_link = next((attribute(link, "name") for link in model.findall("link")), "")
+        canonical = attribute(model, "canonical_link") or first_link
+        placement = attribute(model, "placement_frame")
+        if placed is not None:
+            placement = (placed.findtext("placement_frame") or placement).strip()
+        frame = replace(frame, placement=inner.frame(placement) if placement else "")
+        self._frames.add(inner.base, replace(frame, attached_to=inner.full_name(canonical)))
+        link_count = len(self._links)
+        self._add_content(model, inner)
+        if not canonical:  # that of the first nested model
+            canonical = next(islice(self._links, link_count, None), WORLD)
+            self._frames.add(inner.base, replace(frame, attached_to=canonical))
+
+    def _add_urdf(self, robot: Element, scope: _Scope, name: str, include: Element, merge: bool) -> None:
+        """Add an included URDF file. Its model frame is that of its first link without a parent.
+
+        Raises:
+            RobotFileError: It has no tree of links, or a name that there is already.
+        """
+        inner, frame = self._place(robot, scope, name, include, merge)
+        model = parse_urdf(robot, self._use, self._limits, self._warnings)
+        model = prefixed(model, "" if merge and scope.name == WORLD else inner.name + _SEPARATOR, scope.folder)
+        check_count(len(self._links) + len(model.links), self._limits.max_links, "links")
+        check_count(len(self._joints) + len(model.joints), self._limits.max_links, "joints")
+        if used := {*model.link_names} & {*self._links} | {each.name for each in model.joints} & {*self._joints}:
+            raise RobotFileError(f"there is another {min(used)!r}")
+        poses = LinkKinematics(model).link_poses({j.name: j.motion.default for j in model.joints if j.motion})
+        children = {joint.child for joint in model.joints}
+        root = next(link for link in model.link_names if link not in children)
+        placement = (include.findtext("placement_frame") or "").strip()
+        placement = inner.frame(placement) if placement else ""
+        self._frames.add(inner.base, replace(frame, attached_to=root, placement=placement))
+        for joint in model.joints:
+            self._joints[joint.name] = joint
+            self._frames.add(joint.name, Frame(joint.X_parent_joint, joint.parent, joint.child))
+        for link, X in zip(model.links, poses, strict=True):
+            self._links[link.name] = link
+            self._frames.add(link.name, Frame(X, inner.base, link.name))
+        for element in robot.findall("frame"):  # Drake's
+            xyz, rpy = (
+                numbers(element, each, (0.0, 0.0, 0.0), f"frame {attribute(element, 'name')!r}", self._warnings)
+                for each in ("xyz", "rpy")
+            )
+            link_name = inner.frame(attribute(element, "link"))
+            frame = Frame(pose_of_rpy(xyz, rpy), link_name, link_name)
+            self._frames.add(inner.full_name(attribute(element, "name")), frame)
+
+    def _place(
+        self, model: Element, scope: _Scope, name: str, placed: Element | None, merge: bool
+    ) -> tuple[_Scope, Frame]:
+        """Return the scope of a model and its frame, attached to nothing so far.
 
         Args:
             name: Its name in the scope.
@@ -150,14 +213,7 @@ class _SdfReader:
         place = placed if placed is not None and placed.find("pose") is not None else model
         X, relative_to = read_pose(place, f"model {name!r}", self._warnings)
         inner = _Scope(scope.name if merge else full_name, unique, scope.folder, scope.version, scope.depth + 1)
-        first_link = next((attribute(link, "name") for link in model.findall("link")), "")
-        canonical = inner.full_name(attribute(model, "canonical_link") or first_link)
-        placement = attribute(model, "placement_frame")
-        if placed is not None:
-            placement = (placed.findtext("placement_frame") or placement).strip()
-        placement = inner.full_name(placement) if placement else ""
-        self._frames.add(unique, Frame(X, scope.frame(relative_to), canonical, placement))
-        self._add_content(model, inner)
+        return inner, Frame(X, scope.frame(relative_to), "")
 
     def _add_include(self, include: Element, scope: _Scope) -> None:
         uri = (include.findtext("uri") or "").strip()
@@ -165,20 +221,21 @@ class _SdfReader:
         if self._include_count > MAX_INCLUDES:
             raise RobotFileError(f"it includes more than {MAX_INCLUDES} models, which is the limit")
         try:
-            path = self._files.find_model(uri, scope.folder)
-            root = parse_xml(self._files.read(path), self._limits.max_elements, self._warnings)
+            root, folder = read_included(uri, scope.folder, self._files, self._limits, self._warnings)
+            model = root if root.tag in ("model", "robot") else root.find("model")
+            if model is None:
+                if root.find("light") is None:  # lights are not used anywhere
+                    self._warnings.append(f"the included file {uri[:200]} has no <model>, it is not shown")
+                return
+            name = (include.findtext("name") or attribute(model, "name")).strip()
+            merge = attribute(include, "merge") in ("true", "1")
+            inner = _Scope(scope.name, scope.base, folder, _version(root), scope.depth)
+            if model.tag == "robot":
+                self._add_urdf(model, inner, name, include, merge)
+                return
         except (OSError, RobotFileError) as error:
-            if "sun" not in uri.lower().split("/")[-2:]:  # Gazebo's, also with a version, is a light and no more
-                self._warnings.append(f"the included model {uri[:200]} is not shown: {reason_of(error)}")
+            self._warnings.append(f"the included model {uri[:200]} is not shown: {reason_of(error)}")
             return
-        model = root if root.tag == "model" else root.find("model")
-        if model is None:
-            if root.find("light") is None:  # lights are not used anywhere
-                self._warnings.append(f"the included file {uri[:200]} has no <model>, it is not shown")
-            return
-        name = (include.findtext("name") or attribute(model, "name")).strip()
-        merge = attribute(include, "merge") in ("true", "1")
-        inner = _Scope(scope.name, scope.base, path.parent, _version(root), scope.depth)
         self._add_model(model, inner, name, include, merge)
 
     def _add_link(self, link: Element, scope: _Scope) -> None:
@@ -209,7 +266,7 @@ class _SdfReader:
         if name in self._joints:
             self._warnings.append(f"a second joint is called {name!r}, it is called {full_name!r}")
         check_count(len(self._joints) + 1, self._limits.max_links, "joints")
-        child = scope.full_name((joint.findtext("child") or "").strip())
+        child = scope.frame((joint.findtext("child") or "").strip())
         X, relative_to = read_pose(joint, f"joint {full_name!r}", self._warnings)
         self._frames.add(full_name, Frame(X, scope.frame(relative_to) if relative_to else child, child))
         self._joints[full_name] = (joint, scope)
@@ -227,7 +284,7 @@ class _SdfReader:
             return np.linalg.inv(X_world_link) @ self._frames.X_world(scope.frame(frame))
 
         geometries = read_geometries(element, name, self._use, X_link, self._warnings)
-        return Link(name, tuple(_in_folder(geometry, scope.folder) for geometry in geometries))
+        return Link(name, tuple(in_folder(geometry, scope.folder) for geometry in geometries))
 
     def _tree(self) -> tuple[tuple[LinkJoint, ...], dict[str, NDArray[np.float64]]]:
         """Return the joints that make a tree, and the poses of the links that have no parent.
@@ -236,8 +293,8 @@ class _SdfReader:
         """
         joints: dict[str, LinkJoint] = {}
         parent_of: dict[str, str] = {}
-        for name, (element, scope) in self._joints.items():
-            ends = self._ends(name, element, scope)
+        for name, joint in self._joints.items():
+            ends = (joint.parent, joint.child) if isinstance(joint, LinkJoint) else self._ends(name, *joint)
             if ends is None:
                 continue
             parent, child = ends
@@ -247,7 +304,8 @@ class _SdfReader:
             if child in parent_of or above == child:
                 self._warnings.append(f"joint {name!r}: it closes a loop of links; the joint is left out")
                 continue
-            joint = self._joint(name, element, scope, parent, child)
+            if not isinstance(joint, LinkJoint):
+                joint = self._joint(name, *joint, parent, child)
             if parent != WORLD or joint.motion is not None:
                 parent_of[child] = parent
                 joints[name] = joint
@@ -270,16 +328,20 @@ class _SdfReader:
     def _joint(self, name: str, element: Element, scope: _Scope, parent: str, child: str) -> LinkJoint:
         where = f"joint {name!r}"
         X_world_parent, X_world_joint = self._frames.X_world(parent), self._frames.X_world(name)
-        kind = joint_kind(attribute(element, "type"), _KINDS, where, self._warnings)
+        sdf_type = attribute(element, "type")
+        kind = joint_kind(sdf_type, _KINDS, where, self._warnings)
         axis = element.find("axis")
-        x, y, z = (0.0, 0.0, 1.0) if axis is None else self._axis(axis, scope, X_world_joint, where).tolist()
-        direction, kind = unit_axis((x, y, z), kind, where, self._warnings)
+        direction, kind = self._axis(axis, scope, X_world_joint, kind, where)
+        second_axis = (0.0, 1.0, 0.0)
+        if kind == "universal":
+            second_axis, kind = self._axis(element.find("axis2"), scope, X_world_joint, kind, where)
         motion = None
         if kind is not None:
             mimic = axis.find("mimic") if axis is not None else None
             rule = read_mimic(None if mimic is None else children_as_attributes(mimic), where, self._warnings)
             rule = None if rule is None else replace(rule, joint=scope.full_name(rule.joint))
-            motion = Joint(name, kind, NEUTRAL[kind], self._limits_of(axis, where), rule)
+            limits = limits_of(axis, where, self._warnings) if kind != "universal" else None
+            motion = Joint(name, kind, NEUTRAL[kind], limits, rule)
         return LinkJoint(
             name,
             parent,
@@ -288,39 +350,29 @@ class _SdfReader:
             direction,
             motion,
             np.linalg.inv(X_world_joint) @ self._frames.X_world(child),
+            thread_pitch(element, where, self._warnings) if sdf_type == "screw" else 0.0,
+            second_axis,
         )
 
     def _axis(
-        self, axis: Element, scope: _Scope, X_world_joint: NDArray[np.float64], where: str
-    ) -> NDArray[np.float64]:
-        """Return the axis in the joint's frame, (3,) float64, of any length."""
+        self,
+        axis: Element | None,
+        scope: _Scope,
+        X_world_joint: NDArray[np.float64],
+        kind: JointKind | None,
+        where: str,
+    ) -> tuple[tuple[float, float, float], JointKind | None]:
+        """Return the unit vector of an axis in the joint's frame, and the joint's kind; see ``unit_axis``."""
+        if axis is None:
+            return (0.0, 0.0, 1.0), kind
         direction = np.array(numbers(children_as_attributes(axis), "xyz", (0.0, 0.0, 1.0), where, self._warnings))
         frame = attribute(axis.find("xyz"), "expressed_in")
         in_model = (axis.findtext("use_parent_model_frame") or "").strip() in ("true", "1")
         if frame or in_model or scope.version < _JOINT_FRAME_VERSION:
             X_world_frame = self._frames.X_world(scope.frame(frame))
             direction = X_world_joint[:3, :3].T @ X_world_frame[:3, :3] @ direction
-        return direction
-
-    def _limits_of(self, axis: Element | None, where: str) -> tuple[float, float] | None:
-        limit = axis.find("limit") if axis is not None else None
-        if limit is None:
-            return None
-        texts = children_as_attributes(limit)
-        values = []
-        for name, default in (("lower", -1e16), ("upper", 1e16)):
-            text = attribute(texts, name).lower()
-            infinite = text.lstrip("+-") in ("inf", "infinity")
-            values.append(default if infinite else numbers(texts, name, (default,), where, self._warnings)[0])
-        return (values[0], values[1]) if max(map(abs, values)) < 1e16 else None
-
-
-def _in_folder(geometry: LinkGeometry, folder: Path) -> LinkGeometry:
-    """Return a geometry with the relative file name of its mesh, if it has one, joined to a folder."""
-    shape = geometry.shape
-    if not isinstance(shape, MeshReference) or split_url(shape.filename)[0]:
-        return geometry
-    return replace(geometry, shape=replace(shape, filename=str(folder / shape.filename)))
+        x, y, z = direction.tolist()
+        return unit_axis((x, y, z), kind, where, self._warnings)
 
 
 def _version(root: Element) -> tuple[int, ...]:

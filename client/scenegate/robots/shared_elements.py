@@ -144,7 +144,7 @@ def unit_axis(
     norm = math.hypot(x, y, z)
     if 0.0 < norm < math.inf:
         return (x / norm, y / norm, z / norm), kind
-    if kind in ("revolute", "prismatic", "planar"):
+    if kind in ("revolute", "prismatic", "universal", "planar"):
         problem = "zero" if norm == 0.0 else "too long"
         warnings.append(f"{where}: its axis is {problem}; the joint stays at rest")
         kind = None

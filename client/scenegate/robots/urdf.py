@@ -5,6 +5,7 @@ Elements and attributes that are invalid are left out or get a default, with a w
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from typing import Final
 
@@ -33,9 +34,12 @@ _KINDS: Final[dict[str, JointKind | None]] = {
     "floating": "floating",
     "ball": "ball",
     "spherical": "ball",
+    "screw": "revolute",
+    "universal": "universal",
     "fixed": None,
 }
-"""Kind of a joint, by the attribute ``type``; None: it does not move. ``ball`` is Drake's, ``spherical`` PyBullet's."""
+"""Kind of a joint, by the attribute ``type``; None: it does not move. ``ball``, ``screw`` and ``universal`` are
+Drake's, ``spherical`` is PyBullet's."""
 
 
 def parse_urdf(root: Element, use: GeometryUse, limits: RobotFileLimits, warnings: list[str]) -> LinkModel:
@@ -119,6 +123,12 @@ class _UrdfReader:
         kind = joint_kind(urdf_type, _KINDS, where, self._warnings)
         x, y, z = numbers(element.find("axis"), "xyz", (1.0, 0.0, 0.0), where, self._warnings)
         axis, kind = unit_axis((x, y, z), kind, where, self._warnings)
+        if kind == "universal":
+            axis = (1.0, 0.0, 0.0)  # in Drake, always x, then y
+        pitch = 0.0
+        if urdf_type == "screw":
+            thread = element.find("drake:screw_thread_pitch")
+            pitch = numbers(thread, "value", (0.0,), where, self._warnings)[0] / math.tau
         motion = None
         if kind is not None:
             limit, limits = element.find("limit"), None
@@ -128,7 +138,8 @@ class _UrdfReader:
                 limits = lower, upper
             mimic = read_mimic(element.find("mimic"), where, self._warnings)
             motion = Joint(name, kind, NEUTRAL[kind], limits, mimic)
-        return LinkJoint(name, ends[0], ends[1], pose_of_origin(element, where, self._warnings), axis, motion)
+        X_parent_joint = pose_of_origin(element, where, self._warnings)
+        return LinkJoint(name, ends[0], ends[1], X_parent_joint, axis, motion, pitch=pitch)
 
     def _geometries(self, link: Element, name: str) -> Iterator[LinkGeometry]:
         """Yield the geometries of a link. Those without a shape that can be drawn are left out with a warning."""

@@ -23,6 +23,7 @@ from scenegate.messages.field_kinds import number_list
 from scenegate.messages.geometry import Geometry, Transform
 from scenegate.messages.request_encoding import Response
 from scenegate.messages.wire import MISSING_PATHS, OK
+from scenegate.robots.xacro_args import XacroArgs
 from scenegate.tree.answer import UNSUPPORTED, Answer, TreeViewerError, answer_of
 from scenegate.tree.callbacks import Callback, CallbackThreads, ClickListener
 from scenegate.tree.control_panel import ControlPanel
@@ -215,6 +216,7 @@ class TreeViewer(NotebookViews, Closing):
         keyframe: str = "",
         gltf_up: Literal["y", "z", "auto"] = "y",
         strict: bool = False,
+        xacro_args: XacroArgs | None = None,
     ) -> PublishedRobot:
         """Publish a robot file in place of everything at and below a path. Each link is below it, by name.
 
@@ -228,6 +230,7 @@ class TreeViewer(NotebookViews, Closing):
                 Scenegate reject meshes with textures or vertex colours.
             keyframe: Keyframe of an MJCF file, which has the joints' values.
             gltf_up: Up axis of the glTF meshes of a URDF or SDF file; ``auto``: what fits the collision geometry.
+            xacro_args: Values of a xacro file's arguments, by name: ``{"dof": 7}``.
             strict: True: refuse a file of which something cannot be drawn. False: the result has ``warnings``.
 
         Raises:
@@ -237,12 +240,18 @@ class TreeViewer(NotebookViews, Closing):
         """
         if isinstance(roots, (str, PathLike)):
             raise TypeError(f"roots must be a list of folders, not {describe(roots)}")
-        options = {"roots": list(roots), "geometry": geometry, "gltf_up": gltf_up, "strict": strict}
+        options = {
+            "roots": list(roots),
+            "geometry": geometry,
+            "gltf_up": gltf_up,
+            "strict": strict,
+            "xacro_args": xacro_args or {},
+        }
         robot = read_robot_for(self.reads_files, file, options, textures=textures, keyframe=keyframe)
         published = PublishedRobot(self, path_of(path), robot, joints or {})
-        if strict and published.answer.warnings:
+        if strict and (refusal := strict_refusal(published.answer.warnings)):
             published.delete()
-            raise ValueError(f"{fspath(file)}: {strict_refusal(published.answer.warnings)}")
+            raise ValueError(f"{fspath(file)}: {refusal}")
         return published
 
     def send(self, changes: Changes) -> Answer:

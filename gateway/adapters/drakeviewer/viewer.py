@@ -297,8 +297,8 @@ class DrakeViewer:
 
     def _refuse_if_strict(self, warnings: Sequence[str]) -> None:
         """Raise MessageError if there are warnings and ``config.strict`` refuses them."""
-        if warnings and self._config.strict:
-            raise MessageError(strict_refusal(warnings))
+        if self._config.strict and (refusal := strict_refusal(warnings)):
+            raise MessageError(refusal)
 
     def _robots(self, family: str) -> RobotChannels:
         return self.state.robots.setdefault(family, RobotChannels(family))

@@ -114,8 +114,8 @@ class Pipeline:
     ) -> EncodedImage:
         with tracing.span("parse"):
             scene = self.scenes.get(document, decode_images=decode_images)
-            if self._config.strict and scene.warnings:
-                raise RequestError(400, f"scene: {strict_refusal(scene.warnings)}")
+            if self._config.strict and (refusal := strict_refusal(scene.warnings)):
+                raise RequestError(400, f"scene: {refusal}")
             camera = camera_of(request, scene)
             draw_list = scene.draw_list if self._backdrop is None else _joined(scene.draw_list, self._flat_backdrop())
         parsed_time = time.perf_counter()

@@ -86,8 +86,8 @@ def _read_each(name: str, elements: list[Any], results: list[Any], request: Requ
             if not command.single:
                 path = fields.path(element, context)
             result = command.read(index, path or (), element, context)
-            if context.strict and context.warnings:
-                raise CommandError(strict_refusal(context.warnings))
+            if context.strict and (refusal := strict_refusal(context.warnings)):
+                raise CommandError(refusal)
         except CommandError as error:
             request.fail(Finding(name, index, str(error), path), context.limits)
         else:

@@ -24,6 +24,7 @@ from renderers.cache import Cache, WeakCache
 from renderers.drawlist import Mesh, used_vertices
 from scenegate.robots.robot_errors import RobotFileError
 from scenegate.robots.robot_reader import SUFFIXES as ROBOT_SUFFIXES
+from scenegate.robots.xacro_args import XacroArgs
 
 MAX_BODIES: Final = 16
 """Maximum number of parts of a model that are bodies of their own; more are one body."""
@@ -81,24 +82,26 @@ def load_model(catalogue: Catalogue, table: Model, file: str, animation: Animati
     Raises:
         SceneFileError, OSError: it cannot be loaded.
     """
-    folder, up = catalogue.path.parent, table.up
+    folder, up, args = catalogue.path.parent, table.up, tuple(table.xacro_args.items())
     path, roots = folder / file, tuple(folder / root for root in table.roots)
     status = path.stat()
-    key = (path, status.st_mtime_ns, status.st_size, up, roots, animation)
+    key = (path, status.st_mtime_ns, status.st_size, up, roots, args, animation)
     model = _model_cache.get(key)
     if model is None:
-        model = _load(path, up, roots, animation)
+        model = _load(path, up, roots, dict(args), animation)
         nbytes = sum(part.array_bytes for _, node in model.root.walk() for part in node.parts or ())
         _model_cache.put(key, model, nbytes + _MODEL_BYTES)
     return model
 
 
-def _load(path: Path, up: Up, roots: tuple[Path, ...], animation: AnimationTime | None) -> LoadedModel:
+def _load(
+    path: Path, up: Up, roots: tuple[Path, ...], xacro_args: XacroArgs, animation: AnimationTime | None
+) -> LoadedModel:
     if path.suffix.lower() not in ROBOT_SUFFIXES:
         scene = read_scene(path, SceneOptions(up=up, animation=animation))
         return LoadedModel(scene.root, None, scene.warnings, scene.digests)
     try:
-        robot = read_robot(path, roots=roots)
+        robot = read_robot(path, roots=roots, xacro_args=xacro_args)
         return LoadedModel(robot.tree({}), robot, robot.warnings, robot.digests)
     except (RobotFileError, ImportError) as error:
         reason = str(error).removeprefix(f"{path}: ")  # some errors name the file already

@@ -74,6 +74,8 @@ class Model(Table, frozen=True):
     """Up axis of glTF files."""
     roots: tuple[str, ...] = ()
     """Folders with the packages of robot files."""
+    xacro_args: dict[str, str | float | bool] = {}
+    """Values of the arguments of xacro files, by name."""
     on: str = ""
     """Name of the surface; empty: one is drawn for each object."""
     position: tuple[Range[Metres], Range[Metres], Range[Metres]] | None = None

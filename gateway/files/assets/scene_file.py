@@ -14,6 +14,7 @@ from gateway.scene.tree.nodes import Path as TreePath
 from gateway.scene.tree.transforms import Y_UP_TO_Z_UP
 from renderers.drawlist import Light
 from scenegate.regular_files import errors_as, read_regular
+from scenegate.warning_text import warnings_and_notes
 
 Up = Literal["auto", "y", "z"]
 
@@ -100,10 +101,12 @@ def read_scene_file(
     with errors_as(SceneFileError, path, GltfError):
         data = files.read_scene()
         scene = read_gltf(data, resolve=files.resolve, variant=variant, decode_images=True, animation=animation)
+    warnings, notes = warnings_and_notes(scene.warnings)
     file = SceneFile(
         scene.root,
         scene.cameras,
-        scene.warnings,
+        warnings,
+        notes=notes,
         generator=scene.generator,
         lights=scene.lights,
         digests=files.digests,

@@ -17,6 +17,7 @@ from gateway.files.gltf.gltf_errors import GltfError, GltfLimitError, as_warning
 from gateway.files.gltf.limits import GltfLimits
 from gateway.files.gltf.schema import Document, Extensions, Object
 from renderers.stop import check_stop
+from scenegate.warning_text import ONLY_GLOSS
 
 _MAX_FLOAT: Final = sys.float_info.max
 _MAX_QUOTED_CHARACTERS: Final = 60
@@ -65,6 +66,10 @@ _INVISIBLE_EXTENSIONS: Final = frozenset(
     }
 )
 """Extensions that change no image, such as metadata and physics; ignoring them is no loss."""
+_GLOSS_EXTENSIONS: Final = frozenset(
+    f"KHR_materials_{name}" for name in ("anisotropy", "clearcoat", "dispersion", "iridescence", "sheen")
+)
+"""Extensions that change only reflections; ignoring them is a note."""
 _MAX_LISTED_CHARACTERS: Final = 500
 """Maximum number of characters of extension names in a message."""
 _UNPAIRED_SURROGATE: Final = re.compile("[\ud800-\udfff]")
@@ -250,8 +255,12 @@ def check_extensions(document: Document, warnings: list[str]) -> None:
     """Warn about extensions that are ignored. Required ones are no error, as in other viewers."""
     names = {name for name in (*(document.extensions_required or ()), *(document.extensions_used or ())) if name}
     ignored = sorted(names - _SUPPORTED_EXTENSIONS - _IMAGE_FORMATS - _INVISIBLE_EXTENSIONS)
-    if ignored:
-        warnings.append(f"extensionsUsed: {', '.join(ignored)[:_MAX_LISTED_CHARACTERS]} ignored")
+    for group, end in (
+        ([name for name in ignored if name not in _GLOSS_EXTENSIONS], ""),
+        ([name for name in ignored if name in _GLOSS_EXTENSIONS], f", {ONLY_GLOSS}"),
+    ):
+        if group:
+            warnings.append(f"extensionsUsed: {', '.join(group)[:_MAX_LISTED_CHARACTERS]} ignored{end}")
 
 
 def vector_or_default(

@@ -36,6 +36,7 @@ def read_collada(data: bytes, read_file: ReadFile, options: MeshOptions) -> Mesh
     Raises:
         MeshFaultError: The file is damaged, or beyond a limit.
     """
+    data = data.lstrip()  # some files have a blank line before the XML declaration
     data = data.replace(b'="<', b'="&lt;')  # Assimp calls the root of STL files <STL_BINARY>
     data = _checked_document(data)
     document = collada.Collada(io.BytesIO(data), ignore=[collada.DaeError])

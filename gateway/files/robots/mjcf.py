@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import threading
 from collections.abc import Iterable, Mapping
 from pathlib import Path
@@ -25,6 +26,8 @@ from scenegate.robots.xml_text import Element
 
 _OUT_OF_MEMORY: Final = ("Could not allocate memory", "Caught an unknown exception!")
 """Parts of MuJoCo's error messages when memory runs out; the second one is for std::bad_alloc."""
+_DROPPED: Final = re.compile(r"Element '(composite|flexvert)'|plugin mujoco\.elasticity|invalid keyword: 'vert'")
+"""Errors of MuJoCo 4 for what MuJoCo 3 reads."""
 _output_decoder: Final = msgspec.msgpack.Decoder(tuple[bytes, list[str]] | str)
 _VALUE_COUNTS: Final[dict[JointKind, int]] = {"floating": 7, "ball": 4, "prismatic": 1, "revolute": 1}
 
@@ -82,6 +85,8 @@ def _compiled(mujoco: Any, path: Path, limits: RobotLimits) -> tuple[Any, list[s
     if isinstance(result, str):
         if not result or any(message in result for message in _OUT_OF_MEMORY):
             result = f"it needs more than max_compiler_bytes = {process_limits.memory_bytes} of memory, or crashes"
+        if _DROPPED.search(result):
+            result = f"{result}; MuJoCo 3 reads this, version {mujoco.__version__} no more: pip install 'mujoco<4'"
         raise RobotFileError(f"MuJoCo cannot compile it: {result}")
     model, warnings = result
     return mujoco.MjModel.from_binary_path("model.mjb", {"model.mjb": model}), warnings

@@ -28,6 +28,7 @@ from renderers.drawlist import AlphaMode, Image, ImageError, Material, Mesh, Tex
 from renderers.encode import jpeg_rgb, png_rgb, png_rgba
 from scenegate.messages.geometry import Geometry, MeshGeometry, PointCloud, Solid, Transform
 from scenegate.robots import robot as client
+from scenegate.robots.xacro_args import XacroArgs
 
 _RIGID_TOLERANCE = 1e-9
 """Maximum deviation of an element of R^T R from the identity, for shapes that are published with a transform."""
@@ -46,10 +47,19 @@ def read_published_robot(
     keyframe: str,
     gltf_up: RobotGltfUp,
     strict: bool,
+    xacro_args: XacroArgs,
     textures: bool,
 ) -> client.Robot[Geometry]:
     """Read a robot file of any kind. See ``TreeViewer.robot``."""
-    robot = read_robot(path, roots=roots, geometry=geometry, keyframe=keyframe, gltf_up=gltf_up, strict=strict)
+    robot = read_robot(
+        path,
+        roots=roots,
+        geometry=geometry,
+        keyframe=keyframe,
+        gltf_up=gltf_up,
+        strict=strict,
+        xacro_args=xacro_args,
+    )
     images = PartImages() if textures else None
     parts = tuple(tuple(each for part in link for each in geometries_of(part, images)) for link in robot.parts)
     others = {field.name: getattr(robot, field.name) for field in fields(Robot) if field.name != "parts"}

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Final
 
@@ -18,8 +18,9 @@ from scenegate.robots.robot import GeometryUse
 from scenegate.robots.robot_errors import RobotFileError
 from scenegate.robots.robot_files import RobotFiles
 from scenegate.robots.robot_reader import errors_of, parse_links
+from scenegate.robots.xacro_args import XacroArgs, as_texts, expand_args
 from scenegate.robots.xml_text import parse_xml, uses_xacro
-from scenegate.warning_text import strict_refusal
+from scenegate.warning_text import strict_refusal, warnings_and_notes
 
 MAX_LINKS_FOR_NOTE: Final = 8
 """Maximum number of links whose collision geometry is read for the note about Y up: all of a robot's take 10 times as
@@ -34,6 +35,7 @@ def read_robot(
     keyframe: str = "",
     gltf_up: RobotGltfUp = "y",
     strict: bool = False,
+    xacro_args: XacroArgs | None = None,
     limits: RobotLimits | None = None,
 ) -> Robot:
     """Read a robot file. All that can be drawn is drawn; ``Robot.warnings`` has a sentence for each thing that cannot.
@@ -45,6 +47,7 @@ def read_robot(
         keyframe: MJCF only: name of the ``<key>`` with the joints' default values. Empty: the model's ``qpos0``.
         gltf_up: Up axis of glTF meshes in URDF and SDF.
         strict: True: a warning is an error.
+        xacro_args: Values of ``$(arg name)`` by name.
         limits: Limits; None: ``RobotLimits()``.
 
     Raises:
@@ -54,23 +57,33 @@ def read_robot(
     """
     limits = limits or RobotLimits()
     with errors_of(path):
-        robot = _read(RobotFiles(Path(path), map(Path, roots), limits, check_stop), geometry, keyframe, gltf_up, limits)
-        if strict and robot.warnings:
-            raise RobotFileError(strict_refusal(robot.warnings))
+        files = RobotFiles(Path(path), map(Path, roots), limits, check_stop)
+        robot = _read(files, geometry, keyframe, gltf_up, as_texts(xacro_args or {}), limits)
+        if strict and (refusal := strict_refusal(robot.warnings)):
+            raise RobotFileError(refusal)
         return robot
 
 
-def _read(files: RobotFiles, geometry: GeometryUse, keyframe: str, gltf_up: RobotGltfUp, limits: RobotLimits) -> Robot:
+def _read(
+    files: RobotFiles,
+    geometry: GeometryUse,
+    keyframe: str,
+    gltf_up: RobotGltfUp,
+    args: Mapping[str, str],
+    limits: RobotLimits,
+) -> Robot:
     warnings: list[str] = []
     root = parse_xml(files.read_robot_file(), limits.max_elements, warnings)
     is_xacro = files.path.suffix.lower() == ".xacro"
     if is_xacro or uses_xacro(root):
         try:
-            root = parse_xml(expand_xacro(files, limits), limits.max_elements, warnings)
+            root = parse_xml(expand_xacro(files, args, limits, warnings), limits.max_elements, warnings)
         except RobotFileError as error:
             if is_xacro:
                 raise
             warnings.append(f"{error}; its xacro elements are ignored")  # rests of an expanded file
+    else:
+        expand_args(root, args, warnings)
     if root.tag == "mujoco":
         if files.is_pipe:
             raise RobotFileError("MuJoCo reads files only, not pipes: write it into a file first")
@@ -82,7 +95,9 @@ def _read(files: RobotFiles, geometry: GeometryUse, keyframe: str, gltf_up: Robo
     model = parse_links(root, files, geometry, limits, warnings)
     joints, kinematics = model.moving_joints(warnings), LinkKinematics(model)
     parts = LinkParts(files, limits, warnings, "z" if gltf_up == "z" else "y").of_links(model.links)
-    notes: tuple[str, ...] = ()
+    sentences, gloss = warnings_and_notes(warnings)
+    more = f", as in {len(gloss) - 1} more" if len(gloss) > 1 else ""
+    notes = (*files.notes, *(f"{note}{more}" for note in gloss[:1]))
     digests = dict(files.digests)  # without those of the collision geometry, unless it decides what is drawn
     with_gltf = [index for index, link in enumerate(model.links) if _has_gltf(link)]
     if gltf_up != "z" and with_gltf:
@@ -98,11 +113,11 @@ def _read(files: RobotFiles, geometry: GeometryUse, keyframe: str, gltf_up: Robo
             if up == "z":
                 parts = LinkParts(files, limits, [], "z").of_links(model.links)
             digests = files.digests
-            notes = (f"glTF meshes are taken as {up.upper()} up: their {reason}",)
+            notes += (f"glTF meshes are taken as {up.upper()} up: their {reason}",)
         elif up == "z":
-            notes = (f"glTF meshes are taken as Y up; with --robot-gltf-up z, their {reason}",)
+            notes += (f"glTF meshes are taken as Y up; with --robot-gltf-up z, their {reason}",)
     name = model.name or files.path.stem
-    return Robot(name, model.link_names, joints, parts, kinematics, tuple(dict.fromkeys(warnings)), notes, digests)
+    return Robot(name, model.link_names, joints, parts, kinematics, sentences, notes, digests)
 
 
 def _has_gltf(link: Link) -> bool:

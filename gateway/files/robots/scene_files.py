@@ -12,13 +12,14 @@ from gateway.files.gltf import AnimationTime, GltfError
 from gateway.files.robots.gltf_up import RobotGltfUp
 from gateway.files.robots.reader import read_robot
 from gateway.scene.tree.nodes import Node
-from scenegate.regular_files import MAX_BYTES, errors_as
+from scenegate.regular_files import MAX_BYTES, errors_as, is_pipe
 from scenegate.robots.joint_text import parse_joints
 from scenegate.robots.robot_errors import RobotFileError
 from scenegate.robots.robot_files import RobotFiles
 from scenegate.robots.robot_limits import RobotFileLimits
 from scenegate.robots.robot_reader import SUFFIXES as ROBOT_SUFFIXES
-from scenegate.warning_text import strict_refusal
+from scenegate.robots.xacro_args import parse_xacro_args
+from scenegate.warning_text import NOTHING_OF_ROBOT, strict_refusal
 
 GLTF_SUFFIXES: Final = (".gltf", ".glb")
 _OTHER_MESH_SUFFIXES: Final = sorted({f".{extension}" for extension in FORMATS} - {*GLTF_SUFFIXES})
@@ -41,6 +42,8 @@ class SceneOptions:
     """Joint values of a robot, as ``name=value``. Other joints have the values of the file."""
     roots: tuple[str | Path, ...] = ()
     """Folders with the packages of a robot's ``package://`` names."""
+    xacro_args: tuple[str, ...] = ()
+    """Arguments of a xacro file, as ``name:=value``."""
     variant: str = ""
     """Variant of a glTF file's materials; empty: the default materials."""
     keyframe: str = ""
@@ -64,8 +67,8 @@ def read_scene(path: Path, options: SceneOptions = DEFAULT_OPTIONS) -> SceneFile
             ``options.strict`` is true. The message names the file.
     """
     scene = _read_by_suffix(path, options)
-    if options.strict and scene.warnings:
-        raise SceneFileError(f"{path}: {strict_refusal(scene.warnings)}")
+    if options.strict and (refusal := strict_refusal(scene.warnings)):
+        raise SceneFileError(f"{path}: {refusal}")
     return scene
 
 
@@ -73,7 +76,7 @@ def _read_by_suffix(path: Path, options: SceneOptions) -> SceneFile:
     suffix = path.suffix.lower()
     if suffix in GLTF_SUFFIXES:
         return read_scene_file(path, up=options.up, variant=options.variant or None, animation=options.animation)
-    if suffix in ROBOT_SUFFIXES:
+    if suffix in ROBOT_SUFFIXES or (not suffix and is_pipe(path)):
         return _read_robot(path, options)
     if suffix in SCENE_SUFFIXES:
         return _read_mesh(path, suffix)
@@ -82,11 +85,22 @@ def _read_by_suffix(path: Path, options: SceneOptions) -> SceneFile:
 
 def _read_robot(path: Path, options: SceneOptions) -> SceneFile:
     try:
-        robot = read_robot(path, roots=options.roots, keyframe=options.keyframe, gltf_up=options.robot_gltf_up)
+        robot = read_robot(
+            path,
+            roots=options.roots,
+            keyframe=options.keyframe,
+            gltf_up=options.robot_gltf_up,
+            xacro_args=parse_xacro_args(options.xacro_args),
+        )
         root = robot.tree(parse_joints(options.joints))
     except (RobotFileError, ImportError) as error:
         raise SceneFileError(f"{path}: {str(error).removeprefix(f'{path}: ')}") from None
-    return SceneFile(root, warnings=robot.warnings, notes=robot.notes, digests=robot.digests)
+    warnings = robot.warnings
+    if not any(robot.parts):
+        warnings = (*warnings, NOTHING_OF_ROBOT)
+        if options.strict:
+            raise SceneFileError(f"{path}: {strict_refusal((NOTHING_OF_ROBOT, *robot.warnings))}")
+    return SceneFile(root, warnings=warnings, notes=robot.notes, digests=robot.digests)
 
 
 def _read_mesh(path: Path, suffix: str) -> SceneFile:

@@ -10,7 +10,7 @@ from typing import Literal
 from pydantic_settings import BaseSettings
 
 from gateway.runtime.settings.option import option
-from gateway.runtime.settings.types import Color, Interfaces, LcmUrl, Paths, Port, PortOrOff, Samples
+from gateway.runtime.settings.types import Color, Interfaces, LcmUrl, Paths, Port, PortOrOff, Samples, XacroArguments
 from renderers.interface import LookName
 
 interface = partial(option, "Interfaces")
@@ -83,6 +83,11 @@ class InterfaceSettings(BaseSettings):
         "y",
         "Up axis of the glTF meshes of a robot in --backdrop and --stereo-scene; 'auto': what fits the collision "
         "geometry.",
+    )
+    xacro_arg: XacroArguments = render(
+        (),
+        "Values of the arguments of a xacro file in --backdrop and --stereo-scene, $(arg NAME), as NAME:=VALUE; "
+        "separated by |, and the flag can be repeated.",
     )
     strict: bool = render(
         False,

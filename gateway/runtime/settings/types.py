@@ -49,6 +49,16 @@ def _parse_color(text: str) -> list[str]:
     return parts
 
 
+def _check_xacro_args(texts: tuple[str, ...]) -> tuple[str, ...]:
+    from scenegate.robots.xacro_args import parse_xacro_args
+
+    try:
+        parse_xacro_args(texts)
+    except ValueError as error:
+        raise ValueError(str(error).removeprefix("--xacro-arg ")) from None
+    return texts
+
+
 def _check_root_path(path: str) -> str:
     path = path.rstrip("/")
     if path and not _ROOT_PATH.fullmatch(path):
@@ -71,6 +81,7 @@ MountPose = Annotated[str, _parsed_by("parse_mount_pose")]
 MountPath = Annotated[str, _parsed_by("parse_mount_path")]
 AnyCamera = Annotated[str, _parsed_by("parse_mounted_camera")]
 Cameras = Annotated[tuple[AnyCamera, ...], NoDecode, _split("|"), Field(max_length=15)]
+XacroArguments = Annotated[tuple[str, ...], NoDecode, _split("|"), AfterValidator(_check_xacro_args)]
 Paths = Annotated[tuple[Path, ...], NoDecode, _split(os.pathsep)]
 Color = Annotated[tuple[Byte, Byte, Byte], NoDecode, _from_text(_parse_color)]
 Realism = Annotated[tuple[RealismPart, ...] | None, NoDecode, _from_text(parse_realism)]

@@ -36,6 +36,7 @@ from renderers.raster import CpuRenderer
 from scenegate.datasets import manifest
 from tests.datasets.conftest import SETTINGS
 from tests.datasets.scenario.conftest import TABLE, Write
+from tests.files.robots.files import visual
 from tests.support.waiting import SECONDS
 
 DROP = TABLE + "placement = {physics = 'mujoco'}\n"
@@ -425,3 +426,11 @@ def test_objects_that_fall_off_are_left_out_with_a_note(write: Write) -> None:
     assert any(note.endswith("has fallen off its surface; it is left out") for note in loaded.description.warnings)
     for _, bodies in parts(loaded, "models"):
         assert np.concatenate(bodies)[:, 2].min() > 0.59
+
+
+def test_arguments_of_xacro_files(write: Write) -> None:
+    models = ", ".join(f'{{path = "models/side.urdf", xacro_args = {{side = {side}}}}}' for side in ("0.05", '"0.1"'))
+    path = write(f'scenes = 1\nsurfaces = [{{}}]\nmodels = [{models}]\ncameras = [{{kind = "shell"}}]')
+    (path.parent / "models" / "side.urdf").write_text(visual('<sphere radius="$(arg side)"/>'))
+    heights = [np.ptp(np.concatenate(points)[:, 2]) for _, points in parts(scene(path), "models")]
+    assert np.allclose(heights, (0.1, 0.2), rtol=0.02)

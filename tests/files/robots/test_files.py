@@ -6,15 +6,22 @@ import hashlib
 import os
 import re
 import threading
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import pytest
 
+from gateway.files.assets.scene_file import SceneFileError
 from gateway.files.robots.limits import RobotLimits
 from gateway.files.robots.reader import read_robot
+from gateway.files.robots.scene_files import SceneOptions, read_scene
+from scenegate.robots import Robot
+from scenegate.robots import read_robot as read_robot_of_client
 from scenegate.robots.robot_errors import RobotFileError
+from scenegate.warning_text import NOTHING_OF_ROBOT
 from tests.files.parsers.test_mesh import nested
-from tests.files.robots.files import TRIANGLE, visual, write
+from tests.files.robots.files import TRIANGLE, link, visual, write
 from tests.support.waiting import SECONDS
 
 
@@ -107,6 +114,42 @@ def test_any_file_of_the_user_may_be_named(tmp_path: Path) -> None:
     path = f"{tmp_path}/hands/m.obj"
     for name in ("../../hands/m.obj", path, f"file://{path}", f"file:{path}", f"FILE://{path}", f"File:{path}"):
         assert read_robot(write(tmp_path / "robots" / "one", mesh(name))).parts[0]
+
+
+@pytest.mark.parametrize(
+    "name",
+    [
+        "file:///ws/install/pkg/share/pkg/visual/m.obj",
+        "/opt/ros/share/pkg/visual/m.obj",
+        r"file:///C:\ws\share\pkg\visual\m.obj",
+        "/home/ann/src/pkg/meshes/m.obj",
+        "file:///home/ann/src/pkg/meshes/m.obj",
+        "C:/ws/src/pkg/meshes/m.obj",
+    ],
+)
+@pytest.mark.parametrize("read", [read_robot, read_robot_of_client])
+def test_paths_of_another_machine_are_those_of_a_package(
+    tmp_path: Path, read: Callable[..., Robot[Any]], name: str
+) -> None:
+    folder = package(tmp_path / "src" / "folder", "pkg")
+    for path in ("visual/m.obj", "visual/n.obj", "meshes/m.obj", "meshes/n.obj"):
+        write(folder, TRIANGLE, path)
+    other = name.replace("m.obj", "n.obj")
+    two = link("".join(f'<visual><geometry><mesh filename="{each}"/></geometry></visual>' for each in (name, other)))
+    robot = read(write(tmp_path / "robot", two), roots=[tmp_path / "src"])
+    assert [len(parts) for parts in robot.parts] == [2]
+    assert robot.warnings == ()
+    (note,) = robot.notes
+    assert str(folder) in note
+    assert "'pkg'" in warning(write(tmp_path / "robot", mesh(name)))
+
+
+def test_a_robot_of_which_nothing_is_drawn(tmp_path: Path) -> None:
+    for content in (mesh("/gone/m.obj"), '<robot><link name="a"/></robot>'):
+        robot_file = write(tmp_path, content)
+        assert read_scene(robot_file).warnings[-1] == NOTHING_OF_ROBOT
+        with pytest.raises(SceneFileError, match=NOTHING_OF_ROBOT):
+            read_scene(robot_file, SceneOptions(strict=True))
 
 
 @pytest.mark.parametrize("name", [r"meshes\a b.obj", "meshes/a%20b.obj", r"package://pkg\meshes\a%20b.obj"])

@@ -56,7 +56,7 @@ def test_scale(tmp_path: Path, scale: str, size: tuple[float, float, float]) -> 
 
 def test_collada_has_its_unit_but_not_its_up_axis(tmp_path: Path) -> None:
     """As in RViz: exporters write any up axis, and robots are made for software that ignores it."""
-    vertices = corners(part_of(tmp_path, DAE, "m.dae"))
+    vertices = corners(part_of(tmp_path, f'\n<?xml version="1.0"?>{DAE}', "m.dae"))
     np.testing.assert_allclose(sorted(vertices.tolist()), [(0, 0, 0), (0, 0, 0.02), (0.01, 0, 0)], atol=1e-7)
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import sys
+from importlib.metadata import version
 from pathlib import Path
 
 import numpy as np
@@ -300,3 +301,25 @@ def test_a_keyframe_has_the_joint_values(tmp_path: Path) -> None:
     assert read(tmp_path, content).joints["turn"].default == (0.0,)
     with pytest.raises(RobotFileError, match="it has no keyframe 'hom'; did you mean home"):
         read(tmp_path, content, keyframe="hom")
+
+
+CABLE = """<composite type="cable" curve="s" count="5 1 1" size="1" initial="none">
+<joint kind="main"/><geom type="capsule" size="0.01"/></composite>"""
+CLOTH = '<flexcomp name="f" type="grid" count="3 3 1" spacing="1 1 1" dim="2">{}</flexcomp>'
+
+
+@pytest.mark.parametrize(
+    "content",
+    [
+        mjcf(f'<body name="a">{CABLE}</body>'),
+        mjcf('<geom size="1"/>', '<extension><plugin plugin="mujoco.elasticity.cable"/></extension>'),
+        mjcf(CLOTH.format(""), '<equality><flexvert flex="f"/></equality>'),
+        mjcf(CLOTH.format('<edge equality="vert"/>')),
+    ],
+)
+def test_an_error_of_what_mujoco_3_reads_says_so(tmp_path: Path, content: str) -> None:
+    if version("mujoco") < "4":
+        assert read(tmp_path, content).links
+        return
+    with pytest.raises(RobotFileError, match="mujoco<4"):
+        read(tmp_path, content)

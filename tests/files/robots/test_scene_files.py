@@ -17,7 +17,8 @@ from gateway.scene.tree.geometry import Surface
 from renderers.encode import png_rgb
 from scenegate import MeshFile
 from scenegate.robots.robot_errors import RobotFileError
-from tests.files.robots.files import ARM, TRIANGLE, link, write
+from tests.files.gltf.builder import Builder
+from tests.files.robots.files import ARM, TRIANGLE, link, visual, write
 from tests.support import forms
 
 REFUSED = re.escape(" (refused: --strict)")
@@ -112,11 +113,12 @@ def test_an_unknown_joint_is_an_error(tmp_path: Path) -> None:
 
 
 def test_strict_refuses_warnings(tmp_path: Path) -> None:
-    path = write(tmp_path, link("<visual/>"), "a.urdf")
-    assert read_scene(path).warnings == ("link 'a', visual: it has no shape; it is not shown",)
-    with pytest.raises(SceneFileError, match=f"^{path}: link 'a', visual: it has no shape; it is not shown{REFUSED}$"):
+    sphere = '<visual><geometry><sphere radius="1"/></geometry></visual>'
+    path = write(tmp_path, link(f"<visual/>{sphere}"), "a.urdf")
+    assert read_scene(path).warnings == ("link 'a', visual 1: it has no shape; it is not shown",)
+    with pytest.raises(SceneFileError, match=f"^{path}: link .a., visual 1: it has no shape.*{REFUSED}$"):
         read_scene(path, SceneOptions(strict=True))
-    with pytest.raises(RobotFileError, match=f"^{path}: link 'a', visual: it has no shape; it is not shown{REFUSED}$"):
+    with pytest.raises(RobotFileError, match=f"^{path}: link .a., visual 1: it has no shape.*{REFUSED}$"):
         read_robot(path, strict=True)
 
 
@@ -127,3 +129,16 @@ def test_strict_refuses_a_flaw_of_a_gltf_file(tmp_path: Path) -> None:
     assert read_scene(path).warnings == (warning,)
     with pytest.raises(SceneFileError, match=f"^{path}: {re.escape(warning)}{REFUSED}$"):
         read_scene(path, SceneOptions(strict=True))
+
+
+@pytest.mark.parametrize("name", ["clearcoat", "sheen", "iridescence", "anisotropy"])
+def test_strict_passes_extensions_that_change_only_gloss(tmp_path: Path, name: str) -> None:
+    b = Builder()
+    b.node(mesh=b.triangle())
+    b.json["extensionsUsed"] = [f"KHR_materials_{name}"]
+    mesh = write(tmp_path, b.text(), "m.gltf")
+    robot = write(tmp_path, visual('<mesh filename="m.gltf"/>'))
+    for path in (mesh, robot):
+        scene = read_scene(path, SceneOptions(strict=True))
+        assert scene.warnings == ()
+        assert name in "".join(scene.notes)

@@ -15,8 +15,10 @@ from gateway.files.robots.robot import Robot
 from gateway.scene.tree.geometry import Shape, Surface
 from renderers.color import linear_from_srgb
 from scenegate.messages.geometry import Box, Capsule, Cylinder, Ellipsoid, Sphere
+from scenegate.robots.robot import JointValue
 from scenegate.robots.robot_errors import RobotFileError
 from scenegate.robots.robot_reader import read_robot as read_robot_of_client
+from scenegate.robots.xml_text import pose_of_rpy
 from tests.files.assets.mesh_files.files import DAE, png
 from tests.files.robots.files import TRIANGLE, write
 from tests.support.waiting import SECONDS
@@ -276,8 +278,8 @@ LOOP = "".join(
         ('<link name="b"><pose relative_to="b">0 0 0 0 0 0</pose></link>', "the frame 'b' is relative to itself"),
         ('<joint name="j" type="fixed"><parent>a</parent><child>x</child></joint>', "joint 'j': there is no link 'x'"),
         (
-            '<link name="b"/><joint name="j" type="screw"><parent>a</parent><child>b</child></joint>',
-            "type='screw' is not one of revolute, continuous, prismatic, ball, fixed; the joint stays at rest",
+            '<link name="b"/><joint name="j" type="gearbox"><parent>a</parent><child>b</child></joint>',
+            "type='gearbox' is not one of revolute, continuous, prismatic, screw,",
         ),
     ],
 )
@@ -452,3 +454,143 @@ def test_a_world_of_which_nothing_is_shown_says_why(tmp_path: Path) -> None:
     sdf = "<sdf version='1.9'><world name='w'><include><uri>model://none</uri></include></world></sdf>"
     with pytest.raises(RobotFileError, match=r"it has no links: the included model model://none is not shown: "):
         read_robot(write(tmp_path, sdf, "w.sdf"))
+
+
+PENDULUM = """<robot name="pendulum">
+  <link name="rod"><visual><geometry><mesh filename="m.obj"/></geometry></visual></link>
+  <link name="base"/><link name="bob"/>
+  <joint name="swing" type="revolute">
+    <parent link="base"/><child link="rod"/><origin xyz="0 0 1" rpy="0 0 1.5707963267948966"/><axis xyz="1 0 0"/>
+  </joint>
+  <joint name="spin" type="continuous">
+    <parent link="rod"/><child link="bob"/><origin xyz="0 2 0"/><mimic joint="swing" multiplier="2"/>
+  </joint>
+  <frame name="tip" link="bob" xyz="0 0 0.5" rpy="0 0 0"/>
+</robot>"""
+"""Its first link is not its root."""
+
+
+def world(content: str) -> str:
+    return f'<sdf version="1.9"><world name="w">{content}</world></sdf>'
+
+
+def test_an_included_urdf_is_a_robot(tmp_path: Path) -> None:
+    write(tmp_path, TRIANGLE, "robots/m.obj")
+    write(tmp_path, PENDULUM, "robots/p.urdf")
+    write(tmp_path, model('<link name="a"/>'), "box.sdf")
+    include = "<include><uri>robots/p.urdf</uri><name>{}</name><pose>{} 0 0 0 0 0</pose></include>"
+    boxes = "".join(
+        f'<include><uri>box.sdf</uri><name>box{i}</name><pose relative_to="{frame}">0.1 0 0 0 0 0</pose></include>'
+        for i, frame in enumerate(("p", "p::rod", "p::swing", "p::tip"))
+    )
+    joint = '<joint name="weld" type="fixed"><parent>p::tip</parent><child>box3</child></joint>'
+    robot = read(tmp_path, world(include.format("p", 1) + include.format("q", 5) + boxes + joint))
+    assert robot.warnings == ()
+    assert [len(parts) for parts in robot.parts] == [1, 0, 0, 1, 0, 0, 0, 0, 0, 0]
+    X = dict(zip(robot.links, robot.link_poses({}), strict=True))
+    expected = {
+        "p::rod": (1, 0, 1),
+        "p::base": (1, 0, 0),
+        "p::bob": (-1, 0, 1),
+        "q::rod": (5, 0, 1),
+        "box0::a": (1.1, 0, 0),
+        "box1::a": (1, 0.1, 1),
+        "box2::a": (1, 0.1, 1),
+        "box3::a": (-1, 0.1, 1.5),
+    }
+    for name, position in expected.items():
+        np.testing.assert_allclose(X[name][:3, 3], position, atol=1e-12, err_msg=name)
+    assert [*robot.joints] == ["p::swing", "p::spin", "q::swing", "q::spin"]
+    moved = dict(zip(robot.links, robot.link_poses({"p::swing": np.pi / 2}), strict=True))
+    np.testing.assert_allclose(moved["p::bob"][:3, 3], (1, 0, 3), atol=1e-12)
+    np.testing.assert_allclose(moved["p::bob"][:3, 2], (-1, 0, 0), atol=1e-12)  # spin is pi
+    assert np.linalg.norm(moved["box3::a"][:3, 3] - moved["p::bob"][:3, 3]) == pytest.approx(np.hypot(0.1, 0.5))
+    assert read_robot_of_client(tmp_path / "robot.sdf").links == robot.links
+
+
+def test_an_included_urdf_may_be_merged_or_placed_by_a_frame(tmp_path: Path) -> None:
+    write(tmp_path, PENDULUM, "p.urdf")
+    placed = "<placement_frame>tip</placement_frame><pose>0 0 3 0 0 0</pose>"
+    include = f'<include merge="true"><uri>p.urdf</uri>{placed}</include>'
+    robot = read(tmp_path, model(f'<link name="a"/>{include}'))
+    assert robot.links == ("a", "rod", "base", "bob")
+    np.testing.assert_allclose(robot.link_poses({})[3, :3, 3], (0, 0, 2.5), atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("urdf", "reason"),
+    [
+        ("<robot/>", "it has no links"),
+        ('<robot xmlns:xacro="x"><xacro:arm/><link name="b"/></robot>', "xacro"),
+        ("<robot><link name='a'/></robot>", "there is another 'a'"),
+        (
+            "<robot><link name='b'/><joint name='j' type='fixed'><parent link='b'/><child link='b'/></joint></robot>",
+            "circle",
+        ),
+    ],
+)
+def test_an_included_urdf_that_is_no_robot_is_left_out(tmp_path: Path, urdf: str, reason: str) -> None:
+    write(tmp_path, urdf, "p.urdf")
+    robot = read(tmp_path, model('<link name="a"/><include merge="true"><uri>p.urdf</uri></include>'))
+    assert robot.links == ("a",)
+    assert reason in robot.warnings[-1]
+
+
+@pytest.mark.parametrize("end", ["left", "left::__model__", "left::inner", "left::inner::__model__", "left::inner::f"])
+def test_joints_join_the_links_of_models_and_frames(tmp_path: Path, end: str) -> None:
+    inner = '<model name="inner"><pose>0 0 1 0 0 0</pose><link name="a"/><frame name="f"/></model>'
+    right = '<model name="right"><pose>0 1 0 0 0 0</pose><link name="b"/></model>'
+    ends = f"<parent>{end}</parent><child>right::__model__</child>"
+    joint = f'<joint name="j" type="revolute">{ends}<axis><xyz>0 0 1</xyz></axis></joint>'
+    robot = read(tmp_path, model(f'<model name="left">{inner}</model>{right}{joint}'))
+    assert (robot.links, [*robot.joints], robot.warnings) == (("left::inner::a", "right::b"), ["j"], ())
+    np.testing.assert_allclose(robot.link_poses({"j": 1.0})[:, :3, 3], ((0, 0, 1), (0, 1, 0)), atol=1e-12)
+
+
+def test_a_model_may_be_relative_to_another_ones_frame(tmp_path: Path) -> None:
+    first = '<model name="m"><pose>0 0 2 0 0 0</pose><link name="a"/></model>'
+    second = '<model name="n"><pose relative_to="m::__model__">1 0 0 0 0 0</pose><link name="b"/></model>'
+    robot = read(tmp_path, world(first + second))
+    assert robot.warnings == ()
+    np.testing.assert_allclose(robot.link_poses({})[1, :3, 3], (1, 0, 2))
+
+
+@pytest.mark.parametrize(
+    "uri", ["model://ground_plane", "ground_plane", "https://fuel.gazebosim.org/1.0/OpenRobotics/models/Ground Plane/1"]
+)
+def test_the_ground_plane_of_gazebo_may_be_missing(tmp_path: Path, uri: str) -> None:
+    sun = "<include><uri>model://sun</uri></include>"
+    robot = read(tmp_path, world(f"<include><uri>{uri}</uri><pose>0 0 -1 0 0 0</pose></include>{sun}"))
+    assert (robot.links, robot.warnings) == (("ground_plane::link",), ())
+    assert [part.shape for part in robot.parts[0]] == [Box((100.0, 100.0, 0.0))]
+    np.testing.assert_allclose(robot.link_poses({})[0, :3, 3], (0, 0, -1))
+    write(tmp_path, model("<link name='a'/>"), "ground_plane/model.sdf")
+    assert (read_robot(tmp_path / "robot.sdf").links == ("m::a",)) != uri.startswith("https")
+
+
+@pytest.mark.parametrize(
+    ("version", "kind", "content", "value", "pose"),
+    [
+        ("1.9", "screw", "", 1.0, (0.0348, -0.0059, 1.1552, 0.2219, 0.0250, 1.2927)),
+        ("1.9", "screw", "<thread_pitch>0.1</thread_pitch>", 1.0, (-2.1835, 0.3696, -8.7517, 0.2219, 0.025, 1.2927)),
+        (
+            "1.10",
+            "screw",
+            "<screw_thread_pitch>0.2</screw_thread_pitch><thread_pitch>0.1</thread_pitch>",
+            1.0,
+            (0.007, -0.0012, 1.031, 0.2219, 0.025, 1.2927),
+        ),
+        ("1.4", "screw", "<thread_pitch>0.1</thread_pitch>", 1.0, (0, 0, -9, 0.1, 0.2, 1.3)),
+        ("1.9", "universal", "<axis2><xyz>1 0 0</xyz></axis2>", (0.4, 0.3), (0, 0, 1, 0.4701, 0.1454, 0.7024)),
+    ],
+)
+def test_screw_and_universal_joints_move_as_in_drake(
+    tmp_path: Path, version: str, kind: str, content: str, value: JointValue, pose: tuple[float, ...]
+) -> None:
+    """Poses of Drake 1.58."""
+    links = '<link name="a"/><link name="b"><pose>0 0 1 0.1 0.2 0.3</pose></link>'
+    ends = "<parent>a</parent><child>b</child><axis><xyz>0 0 1</xyz></axis>"
+    robot = read(tmp_path, model(f'{links}<joint name="j" type="{kind}">{ends}{content}</joint>', version))
+    assert robot.warnings == ()
+    X = robot.link_poses({"j": value})[1]
+    np.testing.assert_allclose(X, pose_of_rpy(pose[:3], pose[3:]), atol=2e-4)

@@ -15,6 +15,7 @@ from renderers.color import linear_from_srgb
 from renderers.drawlist import AlphaMode
 from scenegate.messages.geometry import Box, Capsule, Cylinder, Ellipsoid, Sphere
 from scenegate.robots.robot_errors import RobotFileError
+from scenegate.robots.xml_text import pose_of_rpy
 from tests.files.robots.files import ARM, link, read, visual, write
 
 
@@ -142,7 +143,7 @@ BOX = '<visual><geometry><box size="1 2 3"/></geometry></visual>'
         (shape('<box size="1 -1 1"/>'), "size='1 -1 1' of <box> must be above 0; it is not shown"),
         (shape('<sphere radius="-1"/>'), "radius='-1' of <sphere> must be above 0; it is not shown"),
         (shape('<sphere radius="nan"/>'), "radius='nan' of <sphere> must be a finite number; it is not shown"),
-        (shape('<cylinder radius="1" length="$(arg l)"/>'), "length='$(arg l)' of <cylinder> must be a finite number"),
+        (shape('<cylinder radius="1" length="$(env l)"/>'), "length='$(env l)' of <cylinder> must be a finite number"),
         (shape('<ellipsoid radii="1 0 1"/>'), "radii='1 0 1' of <ellipsoid> must be above 0"),
         (shape("<mesh/>"), "link 'a', visual 1: <mesh> has no filename; it is not shown"),
     ],
@@ -210,8 +211,11 @@ def test_colours_that_are_mended_have_a_warning(
 @pytest.mark.parametrize(
     ("content", "message"),
     [
-        (joint("screw"), "joint 'j': type='screw' is not one of revolute, continuous, prismatic, planar, floating,"),
-        (joint("universal").replace("joint", "drake:joint"), "joint 'j': type='universal' is not one of "),
+        (
+            joint("gearbox"),
+            "joint 'j': type='gearbox' is not one of revolute, continuous, prismatic, planar, floating,",
+        ),
+        (joint("gearbox2").replace("joint", "drake:joint"), "joint 'j': type='gearbox2' is not one of "),
         (joint("revolute", '<axis xyz="0 0 0"/>'), "joint 'j': its axis is zero; the joint stays at rest"),
         (joint("revolute", '<axis xyz="1.7e308 1.7e308 0"/>'), "joint 'j': its axis is too long"),
         (joint("fixed", ends='<parent link="a"/>'), "joint 'j': it has no <child link>; the joint is left out"),
@@ -386,6 +390,38 @@ def test_joints_with_several_values(tmp_path: Path) -> None:
     robot = read(tmp_path, joint("planar", '<axis xyz="0 0 1"/>'))
     _, X = robot.link_poses({"j": (1, 2, math.pi / 2)})
     np.testing.assert_allclose(X, [[0, -1, 0, 1], [1, 0, 0, 2], [0, 0, 1, 0], [0, 0, 0, 1]], atol=1e-15)
+
+
+@pytest.mark.parametrize(
+    ("axis", "position"),
+    [
+        ("1 0 0", (0, 0.2, -0.1)),
+        ("0 1 0", (0.1, 0, -0.2)),
+        ("0 0 -1", (0.1, -0.2, 0)),
+        ("-1 0 0", (0, 0.2, 0.1)),
+        ("1 2 3", (0.08018, 0.16036, -0.13363)),
+        ("-1 -2 -3", (-0.08018, -0.16036, 0.13363)),
+        ("0.3 0 -0.9", (-0.09487, 0.2, -0.03162)),
+        ("0 1e-7 -1", (0.1, -0.2, 0)),
+    ],
+)
+def test_planar_joints_move_as_in_drake_and_mujoco(tmp_path: Path, axis: str, position: tuple[float, ...]) -> None:
+    """Values of Drake 1.58 and MuJoCo 4.0."""
+    _, X = read(tmp_path, joint("planar", f'<axis xyz="{axis}"/>')).link_poses({"j": (0.1, 0.2, 0.3)})
+    np.testing.assert_allclose(X[:3, 3], position, atol=5e-6)
+    normal = np.array([float(each) for each in axis.split()])
+    np.testing.assert_allclose(X[:3, :3] @ normal, normal, atol=1e-12)
+    assert np.trace(X[:3, :3]) == pytest.approx(1 + 2 * math.cos(0.3))
+
+
+def test_joints_of_drake(tmp_path: Path) -> None:
+    """Values of Drake 1.58."""
+    origin = '<origin xyz="0 0 1" rpy="0.1 0.2 0.3"/>'
+    screw = f'{origin}<axis xyz="1 0 0"/><drake:screw_thread_pitch value="0.1"/>'
+    _, X = read(tmp_path, joint("screw", screw)).link_poses({"j": 1.0})
+    np.testing.assert_allclose(X, pose_of_rpy((0.01490, 0.00461, 0.99684), (1.1, 0.2, 0.3)), atol=5e-6)
+    _, X = read(tmp_path, joint("universal", origin)).link_poses({"j": (0.3, 0.4)})
+    np.testing.assert_allclose(X, pose_of_rpy((0, 0, 1), (0.4685, 0.5639, 0.4804)), atol=1e-4)
 
 
 def test_a_long_axis_is_normalised(tmp_path: Path) -> None:

@@ -3,14 +3,19 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 from gateway.files.robots.reader import read_robot
 from scenegate.messages.geometry import Sphere
+from scenegate.robots import Robot
+from scenegate.robots import read_robot as read_robot_of_client
 from scenegate.robots.robot_errors import RobotFileError
-from tests.files.robots.files import write
+from scenegate.robots.xacro_args import parse_xacro_args
+from tests.files.robots.files import TRIANGLE, write
 
 NAMESPACE = 'xmlns:xacro="http://www.ros.org/wiki/xacro"'
 BALL = """<xacro:macro name="ball" params="name r">
@@ -74,3 +79,43 @@ def test_rests_of_an_expanded_file_are_ignored(tmp_path: Path) -> None:
     assert warning.endswith("; its xacro elements are ignored")
     with pytest.raises(RobotFileError, match="xacro cannot expand it: "):
         read_robot(write(tmp_path, content, "robot.xacro"))
+
+
+@pytest.mark.parametrize(
+    "content", ['<link name="$(arg a)"/>', "<link name=\"${'$(arg a)'}\"/>", "<link name=\"${xacro.arg('a')}\"/>"]
+)
+def test_an_argument(tmp_path: Path, content: str) -> None:
+    path = write(tmp_path, xacro(content), "robot.urdf.xacro")
+    assert read_robot(path, xacro_args={"a": 7}).links == ("7",)
+    with pytest.raises(RobotFileError, match=r"\ba\b.*--xacro-arg|--xacro-arg.*\ba\b"):
+        read_robot(path)
+
+
+def test_an_argument_with_a_default(tmp_path: Path) -> None:
+    content = '<xacro:arg name="a" default="d"/><xacro:arg name="b" default="d"/><link name="$(arg a)$(arg b)"/>'
+    robot = read_robot(write(tmp_path, xacro(content), "robot.urdf.xacro"), xacro_args={"a": "x", "c": ""})
+    assert robot.links == ("xd",)
+    (warning,) = robot.warnings
+    assert "--xacro-arg c" in warning
+
+
+@pytest.mark.parametrize("read", [read_robot, read_robot_of_client])
+def test_arguments_of_plain_urdf(tmp_path: Path, read: Callable[..., Robot[Any]]) -> None:
+    folder = tmp_path / "parts"
+    write(tmp_path, TRIANGLE, "parts/m.obj")
+    for name in ("$(arg where)/m.obj", "file://$(find parts)/m.obj", "$(find parts)/m.obj"):
+        mesh = f'<visual><geometry><mesh filename="{name}"/></geometry></visual>'
+        robot = read(write(tmp_path, f'<robot><link name="a">{mesh}</link></robot>'), xacro_args={"where": folder.name})
+        assert [len(parts) for parts in robot.parts] == [1]
+    robot = read(write(tmp_path, '<robot><link name="$(arg where)"/></robot>'))
+    assert robot.links == ("$(arg where)",)
+    assert any("--xacro-arg where:=" in warning for warning in robot.warnings)
+
+
+def test_invalid_arguments(tmp_path: Path) -> None:
+    assert parse_xacro_args(["a:=b:=c", "d:="]) == {"a": "b:=c", "d": ""}
+    for texts in (["a"], [":=b"], ["a=b"], ["a:=1", "a:=2"]):
+        with pytest.raises(RobotFileError, match="--xacro-arg"):
+            parse_xacro_args(texts)
+    with pytest.raises(RobotFileError, match="xacro_args"):
+        read_robot(write(tmp_path, "<robot/>"), xacro_args=["a:=1"])  # type: ignore[arg-type]
