@@ -119,6 +119,7 @@ class BruteForce:
         samples: int,
         make_shader: Callable[[SampledView], SampledShader],
         *,
+        select: NDArray[np.bool_] | None = None,
         cull_back: NDArray[np.bool_] | None = None,
     ) -> None:
         raise NotImplementedError("one sample per pixel only")
