@@ -92,7 +92,7 @@ def read_pose(element: Element, where: str, warnings: list[str]) -> tuple[NDArra
     if pose is None:
         return IDENTITY, ""
     text = (pose.text or "").strip()
-    relative_to = attribute(pose, "relative_to")
+    relative_to = attribute(pose, "relative_to") or attribute(pose, "frame")  # its name before SDF 1.7
     rotation_format = attribute(pose, "rotation_format")
     if rotation_format not in ("", "euler_rpy", "quat_xyzw"):
         warnings.append(f"{where}: rotation_format={rotation_format[:60]!r} is neither euler_rpy nor quat_xyzw")

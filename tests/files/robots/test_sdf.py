@@ -555,6 +555,13 @@ def test_a_model_may_be_relative_to_another_ones_frame(tmp_path: Path) -> None:
     np.testing.assert_allclose(robot.link_poses({})[1, :3, 3], (1, 0, 2))
 
 
+def test_before_version_1_7_frame_is_relative_to(tmp_path: Path) -> None:
+    link = '<link name="{}"><pose frame="{}">0 0 1 0 0 0</pose></link>'
+    robot = read(tmp_path, model(link.format("a", "") + link.format("b", "a"), "1.6"))
+    assert robot.warnings == ()
+    np.testing.assert_allclose(robot.link_poses({})[:, 2, 3], (1, 2))
+
+
 @pytest.mark.parametrize(
     "uri", ["model://ground_plane", "ground_plane", "https://fuel.gazebosim.org/1.0/OpenRobotics/models/Ground Plane/1"]
 )
