@@ -104,6 +104,9 @@ def run(settings: Settings) -> int:
     log = structlog.get_logger("gateway")
     for warning in unknown_environment():
         log.warning(warning)
+    if problem := process_tuning.address_space_problem():
+        log.error(problem)
+        return 1
     from gateway.runtime.http.security import Security
     from gateway.runtime.state.database import StateError
     from gateway.wiring.state import open_state

@@ -22,7 +22,7 @@ _LCM_ADDRESS = ("239.255.76.67", 7667)
 _SUFFICIENT_FILES = 4096
 """File descriptors that suffice for most uses: one per connection."""
 _SUFFICIENT_ADDRESSES = 4 << 30
-"""Bytes of address space that suffice for most uses. Below 1.5 GB, gRPC's library aborts the process."""
+"""Bytes of address space that suffice for most uses."""
 
 
 def findings(host: str, ports: Mapping[str, tuple[str, int]], threads: int) -> Iterator[Finding]:
@@ -74,6 +74,8 @@ def _check_address_space() -> Finding:
     detail = f"limited to {limit >> 20} MB"
     if limit >= _SUFFICIENT_ADDRESSES:
         return Finding("address space", Verdict.OK, detail)
+    if problem := process_tuning.address_space_problem():
+        return Finding("address space", Verdict.ERROR, detail, "Scenegate does not start.", problem)
     meaning = "The libraries reserve 1.5 GB: Scenegate may end without a message, or requests fail for lack of memory."
     return Finding("address space", Verdict.NOTE, detail, meaning, "ulimit -v unlimited, or systemd's MemoryMax")
 

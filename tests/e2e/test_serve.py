@@ -121,6 +121,13 @@ def test_uvicorn_refuses_our_number_of_processes(monkeypatch: pytest.MonkeyPatch
         _ = gateway.app.app
 
 
+def test_too_little_address_space_is_one_sentence() -> None:
+    command = f"ulimit -v 800000; exec {sys.executable} -m scenegate serve --http-port 0 --lcm-url off"
+    done = subprocess.run(["sh", "-c", command], capture_output=True, text=True, timeout=SECONDS, check=False)
+    assert done.returncode == 1, done.stderr
+    assert "781 MB" in done.stderr.splitlines()[-1]
+
+
 def test_an_invalid_setting_is_exit_code_2() -> None:
     code, (line,) = refused(env={"SCENEGATE_HTTP_PORT": "many"})
     assert code == 2

@@ -74,6 +74,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
             _parser().parse_args([name])
     except KeyboardInterrupt:
         sys.exit(INTERRUPTED)
+    except MemoryError as error:
+        sys.exit(f"scenegate: there is too little memory: {error}")
     except (OSError, ValueError, RuntimeError, ImportError) as error:
         if isinstance(error, BrokenPipeError) and standard_streams.reader_has_ended():  # as in ``scenegate … | head``
             sys.exit(1)

@@ -30,6 +30,18 @@ for every connection and grows in steps, each of which wakes client and event lo
 _MMAP_THRESHOLDS = (1 << 30, 32 << 20)
 """Sizes in bytes from which allocations are mapped, largest first; glibc before 2.35 accepts no more than 32 MB."""
 
+MIN_ADDRESSES = 900 << 20
+"""Bytes of address space below which libraries abort the process while the interfaces start."""
+
+
+def address_space_problem() -> str:
+    """Return a sentence if the address space is limited to less than ``MIN_ADDRESSES``; else an empty text."""
+    limit, _ = resource.getrlimit(resource.RLIMIT_AS)
+    if limit == resource.RLIM_INFINITY or limit >= MIN_ADDRESSES:
+        return ""
+    needed = f"at least {MIN_ADDRESSES >> 20} MB are needed: ulimit -v unlimited"
+    return f"the address space is limited to {limit >> 20} MB, {needed}"
+
 
 def tune() -> None:
     """Keep the memory of freed images, prefer the event loop's thread, and allow many connections.
