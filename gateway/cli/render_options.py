@@ -97,7 +97,7 @@ class RenderOptions:
     ] = None
     look: Annotated[
         Literal["auto", "phong", "plain", "studio", "pbr", "gltf"],
-        Option(help="Shading of colour images; auto: studio, but files written by Drake look as in Drake."),
+        Option(help="Shading of colour images; auto: studio, but pbr for files that Drake merged."),
     ] = "auto"
     background: Annotated[str, Option(metavar="R,G,B", help="Background colour, 0 to 255 each.")] = "204,229,255"
     antialias: Annotated[
@@ -131,7 +131,8 @@ class RenderOptions:
         ),
     ] = None
     up: Annotated[
-        Literal["auto", "y", "z"], Option(help="Up axis of glTF files; auto: z for Drake's files, else y.")
+        Literal["auto", "y", "z"],
+        Option(help="Up axis of glTF files; auto: z for files that Drake merged, else y."),
     ] = "auto"
     joint: Annotated[
         list[str] | None,

@@ -39,6 +39,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     add("source", metavar="SCENE.json|MESH|ROBOT", type=existing_file, help=help_text)
     add("--path", default="", help="path in the tree: robot/base")
+    add("--up", choices=("auto", "z"), default="auto", help="z: coordinates of a mesh file are Z up (default: auto)")
     help_text = "refuse a file of which something cannot be drawn, instead of a warning"
     add("--strict", action="store_true", help=help_text)
     add_lcm_url(parser)
@@ -128,7 +129,7 @@ def _publish_mesh(options: argparse.Namespace, top: NodePath) -> None:
     source: Path = options.source
     changes = Changes()
     changes.delete(top)
-    changes.set_entry(top, Entry([MeshFile.read(source).body()]))
+    changes.set_entry(top, Entry([MeshFile.read(source, up="z" if options.up == "z" else None).body()]))
     with TreeViewer(options.lcm_url, options.timeout) as viewer:
         answer = viewer.send(changes)
         failed = [warning for warning in answer.warnings if options.strict or warning.endswith(NOTHING_DRAWN)]

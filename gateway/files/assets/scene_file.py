@@ -6,16 +6,13 @@ import hashlib
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Literal
 
-from gateway.files.gltf import DRAKE_GENERATORS, AnimationTime, GltfError, PlacedCamera, read_gltf
+from gateway.files.gltf import DRAKE_MERGER, AnimationTime, GltfError, PlacedCamera, Up, read_gltf
 from gateway.scene.tree.nodes import Node
 from gateway.scene.tree.nodes import Path as TreePath
 from gateway.scene.tree.transforms import Y_UP_TO_Z_UP
 from renderers.drawlist import Light
 from scenegate.regular_files import errors_as, read_regular
-
-Up = Literal["auto", "y", "z"]
 
 
 class SceneFileError(ValueError):
@@ -47,8 +44,8 @@ class SceneFile:
 
     @property
     def from_drake(self) -> bool:
-        """True for a document from Drake's render client."""
-        return self.generator in DRAKE_GENERATORS
+        """True for a document that Drake's render client merged."""
+        return self.generator == DRAKE_MERGER
 
 
 class FolderFiles:
@@ -89,7 +86,7 @@ def read_scene_file(
     """Read a ``.gltf`` or ``.glb`` file.
 
     Args:
-        up: The file's up axis; ``auto``: Z for Drake's generators, else Y by the specification.
+        up: The file's up axis; ``auto``: Z for documents that Drake merged, else Y by the specification.
         variant: Name of a variant of KHR_materials_variants; None: the default materials.
         animation: Animation whose pose the nodes have; None: the pose in which they are stored.
 
@@ -99,17 +96,21 @@ def read_scene_file(
     files = FolderFiles(path)
     with errors_as(SceneFileError, path, GltfError):
         data = files.read_scene()
-        scene = read_gltf(data, resolve=files.resolve, variant=variant, decode_images=True, animation=animation)
+        scene = read_gltf(
+            data, resolve=files.resolve, variant=variant, decode_images=True, animation=animation, posted=up == "z"
+        )
+    warnings = list(scene.warnings)
+    is_z_up = scene.is_z_up(up, warnings)
     file = SceneFile(
         scene.root,
         scene.cameras,
-        scene.warnings,
+        tuple(warnings),
         generator=scene.generator,
         lights=scene.lights,
         digests=files.digests,
         models=scene.models,
     )
-    if up == "z" or (up == "auto" and file.from_drake):
+    if is_z_up:
         return file
     root = scene.root
     rotated = Node(root.parts, Y_UP_TO_Z_UP @ root.matrix, root.children)

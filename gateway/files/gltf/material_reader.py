@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any, Final, TypeVar
 
@@ -46,17 +47,24 @@ class Materials:
     """The materials of one document, each read at its first use."""
 
     def __init__(
-        self, document: schema.Document, textures: Textures, warnings: list[str], variant: str | None = None
+        self,
+        document: schema.Document,
+        textures: Textures,
+        warnings: list[str],
+        variant: str | None = None,
+        *,
+        from_drake: bool = False,
     ) -> None:
         """
         Args:
+            from_drake: True for a document from Drake's render client.
             variant: Name of a variant of KHR_materials_variants; None: the default materials.
         """
         self._sources = document.materials
         self._warnings = warnings
         self._variant = None if variant is None else _variant_index(document, variant, warnings)
         self._textures = textures
-        self._from_drake = document.from_drake
+        self._from_drake = from_drake
         self._decodes_vertex_colors = not document.from_old_drake
         self._materials: dict[tuple[int, bool], Material] = {}
         """Materials by index in the document, and True if VTK's exporter wrote the primitive."""
@@ -94,11 +102,7 @@ class Materials:
 
         Other exporters may write the same material, but VTK's never writes normals or vertex colours.
         """
-        index, sources = primitive.material, self._sources or []
-        if index is None or not self._from_drake or not _NEVER_FROM_VTK.isdisjoint(primitive.attributes or ()):
-            return False
-        source = sources[index] if 0 <= index < len(sources) else None
-        return isinstance(source, schema.GltfMaterial) and _looks_written_by_vtk(source)
+        return self._from_drake and resembles_drake(primitive, self._sources or [])
 
     def _read(self, source: schema.GltfMaterial, name: str, from_vtk: bool) -> Material:
         """Read a material.
@@ -229,6 +233,15 @@ def _variant_index(document: schema.Document, name: str, warnings: list[str]) ->
     listed = ", ".join(repr(each)[:60] for each in names[:20]) or "none"
     warnings.append(f"the file has no material variant {name!r:.60} (it has {listed}), the default materials are drawn")
     return None
+
+
+def resembles_drake(primitive: schema.GltfPrimitive, materials: Sequence[object]) -> bool:
+    """Return True if VTK's exporter writes such attributes and such a material for Drake's client."""
+    index = primitive.material
+    if index is None or not _NEVER_FROM_VTK.isdisjoint(primitive.attributes or ()):
+        return False
+    source = materials[index] if 0 <= index < len(materials) else None
+    return isinstance(source, schema.GltfMaterial) and _looks_written_by_vtk(source)
 
 
 def _looks_written_by_vtk(source: schema.GltfMaterial) -> bool:

@@ -7,8 +7,8 @@ from pathlib import Path
 from typing import Final
 
 from gateway.files.assets.mesh_formats import FORMATS, MESH_LIMITS, MeshFormatError, parse_mesh
-from gateway.files.assets.scene_file import SceneFile, SceneFileError, Up, read_scene_file
-from gateway.files.gltf import AnimationTime, GltfError
+from gateway.files.assets.scene_file import SceneFile, SceneFileError, read_scene_file
+from gateway.files.gltf import AnimationTime, GltfError, Up
 from gateway.files.robots.gltf_up import RobotGltfUp
 from gateway.files.robots.reader import read_robot
 from gateway.scene.tree.nodes import Node

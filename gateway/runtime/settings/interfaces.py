@@ -76,7 +76,7 @@ class InterfaceSettings(BaseSettings):
     )
     up: Literal["auto", "y", "z"] = render(
         "auto",
-        "Up axis of glTF files of --backdrop and --stereo-scene; 'auto' chooses by asset.generator: Z for Drake, "
+        "Up axis of glTF files of --backdrop and --stereo-scene; 'auto': Z if Drake's render client merged the file, "
         "else Y.",
     )
     robot_gltf_up: Literal["y", "z", "auto"] = render(

@@ -156,8 +156,15 @@ def test_collada_unit_and_up_axis(root: Path, files: MeshFiles, asset: str, expe
     np.testing.assert_allclose(bounds(files.load("part.dae")), expected, atol=1e-6)
 
 
-@pytest.mark.parametrize(("generator", "expected"), [("", [(0, 0, 0), (1, 0, 2)]), ("VTK", [(0, 0, 0), (1, 2, 0)])])
-def test_gltf_is_y_up_unless_drake_wrote_it(root: Path, files: MeshFiles, generator: str, expected: Any) -> None:
+@pytest.mark.parametrize(
+    ("generator", "expected"),
+    [
+        ("", [(0, 0, 0), (1, 0, 2)]),
+        ("VTK", [(0, 0, 0), (1, 0, 2)]),
+        ("Drake glTF merger", [(0, 0, 0), (1, 2, 0)]),
+    ],
+)
+def test_gltf_is_y_up_unless_drake_merged_it(root: Path, files: MeshFiles, generator: str, expected: Any) -> None:
     write(root / "t.gltf", gltf(generator))
     write(root / "data.bin", np.array([(0, 0, 0), (1, 0, 0), (0, 2, 0)], np.float32).tobytes())
     np.testing.assert_allclose(bounds(files.load("t.gltf")), expected, atol=1e-6)
