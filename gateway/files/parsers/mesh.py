@@ -15,8 +15,16 @@ from trimesh.visual.material import SimpleMaterial
 
 from gateway.files.parsers.collada import read_collada
 from gateway.files.parsers.mesh_data import MeshData, MeshFaultError, MeshOptions, Shape, checked_triangles, shape_of
-from gateway.files.parsers.obj import with_absolute_faces, without_broken_faces
-from gateway.files.parsers.ply import triangles_of_strips, with_plain_header, with_triangles
+from gateway.files.parsers.obj import with_absolute_faces, with_unit_colors, without_broken_faces
+from gateway.files.parsers.ply import (
+    colors_of,
+    faces_of,
+    srgb_bytes,
+    triangles_of_strips,
+    with_plain_header,
+    with_triangles,
+    with_used_coordinates,
+)
 from gateway.files.parsers.texture_files import ReadFile, TextureFiles
 from gateway.files.parsers.vtk import read_vtk
 
@@ -74,12 +82,12 @@ def _read(read_file: ReadFile, data: bytes, extension: str, options: MeshOptions
         return read_collada(data, read_file, options)
     if extension == "obj":
         original = data
-        data = with_absolute_faces(data)
-    elif extension == "ply":
-        data = with_triangles(with_plain_header(data))
+        data = with_unit_colors(with_absolute_faces(data))
     result = MeshData()
     textures = TextureFiles(read_file, result)
     resolver = _Resolver(read_file, textures)
+    if extension == "ply":
+        data = with_triangles(with_used_coordinates(with_plain_header(data), resolver.get, result.warnings))
 
     def load(data: bytes) -> Any:
         return trimesh.load_scene(
@@ -157,31 +165,47 @@ def _shape(geometry: Any, textures: TextureFiles, warnings: list[str]) -> Shape 
     positions = np.asarray(getattr(geometry, "vertices", np.zeros((0, 3))))
     if positions.ndim != 2 or positions.shape[1] != 3 or not len(positions):
         return None
-    colors = _vertex_colors(geometry, len(positions))
+    ply = geometry.metadata.get("_ply_raw", {})
+    colors = colors_of(ply, "vertex") if ply else _vertex_colors(geometry)
+    if colors is not None and len(colors) != len(positions):
+        colors = None
     if not hasattr(geometry, "faces"):
-        strips = triangles_of_strips(geometry.metadata)
+        strips = triangles_of_strips(ply)
         if strips is not None:
             strips = checked_triangles(strips, len(positions), warnings)
         return shape_of(positions, strips, warnings, colors=colors)
-    triangles = checked_triangles(np.asarray(geometry.faces, np.int64).reshape(-1, 3), len(positions), warnings)
     uv, color, image = _material(geometry, textures)
     # trimesh's property computes missing normals. Its cache has only the normals of the file.
     normals = geometry._cache.cache.get("vertex_normals")
     if normals is not None and len(normals) != len(positions):
         normals = None
+    face_colors = colors_of(ply, "face")
+    if image is not None:
+        colors = None
+    elif face_colors is not None and (colors is None or (colors == colors[0]).all()):
+        triangles, face = faces_of(ply)
+        triangles = checked_triangles(np.column_stack((triangles, face)), len(positions), warnings)
+        corners = triangles[:, :3].ravel()
+        positions, normals = positions[corners], None if normals is None else normals[corners]
+        colors = face_colors[triangles[:, 3]].repeat(3, axis=0)
+        triangles = np.arange(len(corners)).reshape(-1, 3)
+        return shape_of(positions, triangles, warnings, normals=normals, colors=colors)
+    triangles = checked_triangles(np.asarray(geometry.faces, np.int64).reshape(-1, 3), len(positions), warnings)
     return shape_of(positions, triangles, warnings, normals=normals, uv=uv, colors=colors, color=color, image=image)
 
 
-def _vertex_colors(geometry: Any, vertex_count: int) -> NDArray[np.uint8] | None:
-    """Return the sRGB colours of vertices or points, (vertex_count, 4) uint8; None if there are none."""
+def _vertex_colors(geometry: Any) -> NDArray[np.uint8] | None:
+    """Return the sRGB colours of the vertices or points of an OBJ file, (N, 4); None if there are none."""
     visual = getattr(geometry, "visual", None)
-    if visual is None or getattr(visual, "kind", None) != "vertex":
+    if visual is None:
         colors = getattr(geometry, "colors", None)
-    else:
+    elif getattr(visual, "kind", None) == "vertex":
         colors = visual.vertex_colors
-    if colors is None or np.shape(colors) != (vertex_count, 4):
+    else:  # beside a material or texture coordinates
+        colors = geometry.vertex_attributes.get("color")
+    if colors is None or np.ndim(colors) != 2:
         return None
-    return np.asarray(colors, np.uint8)
+    return np.column_stack((srgb_bytes(np.asarray(colors)[:, :3]), np.full(len(colors), 255, np.uint8)))
 
 
 def _material(
@@ -192,8 +216,6 @@ def _material(
     Coordinates are kept without a texture: the material of a robot file may have one for them.
     """
     visual = geometry.visual
-    if getattr(visual, "kind", None) == "face":
-        return None, _rgba(np.asarray(visual.main_color, np.float64) / 255.0), None
     material, uv = getattr(visual, "material", None), getattr(visual, "uv", None)
     if material is None:
         return None, None, None
