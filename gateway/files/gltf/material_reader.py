@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import fields, replace
 from typing import Any, Final, TypeVar
 
 from gateway.files.gltf import schema
 from gateway.files.gltf.gltf_errors import as_warning, checked_item
 from gateway.files.gltf.parser import extension, vector_or_default
 from gateway.files.gltf.textures import Textures
-from renderers.drawlist import LABEL_NONE, AlphaMode, Material
+from renderers.drawlist import LABEL_NONE, AlphaMode, Material, Mesh, Texture
 
 DEFAULT_MATERIAL: Final = Material(metallic=0.0, fallback=Material(metallic=0.0, roughness=0.5, double_sided=True))
 """Material of primitives without one: white and not metallic, as RenderEngineVtk shows it. Compare by ``is``."""
@@ -233,6 +233,20 @@ def _variant_index(document: schema.Document, name: str, warnings: list[str]) ->
     listed = ", ".join(repr(each)[:60] for each in names[:20]) or "none"
     warnings.append(f"the file has no material variant {name!r:.60} (it has {listed}), the default materials are drawn")
     return None
+
+
+def multiplied(material: Material, color: tuple[float, ...]) -> Material:
+    """Return a material whose base colour is multiplied by a linear RGBA colour."""
+    r, g, b, a = (factor * own for factor, own in zip(color, material.base_color, strict=True))
+    fallback = material.fallback and multiplied(material.fallback, color)
+    return replace(material, base_color=(r, g, b, a), fallback=fallback)
+
+
+def missing_coordinates(material: Material, mesh: Mesh) -> list[str]:
+    """Return the attributes with texture coordinates that a material's textures need and a mesh lacks."""
+    textures = [getattr(material, each.name) for each in fields(material)]
+    sets = {texture.uv_set for texture in textures if isinstance(texture, Texture)}
+    return [f"TEXCOORD_{number}" for number in sorted(sets) if (mesh.uv0, mesh.uv1)[number] is None]
 
 
 def resembles_drake(primitive: schema.GltfPrimitive, materials: Sequence[object]) -> bool:
