@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final
 
 import msgspec
@@ -208,9 +208,11 @@ def _parts_of_mesh_data(mesh_data: MeshData, limits: GltfLimits) -> tuple[Part, 
     materials: list[Material] = []
     for parsed in mesh_data.shapes:
         check_stop()
-        texture = None if parsed.image is None else textures[parsed.image]
         shapes.append(_shape_of(parsed))
-        materials.append(PLAIN_MATERIAL if parsed.color is None else diffuse_material(np.array(parsed.color), texture))
+        material = PLAIN_MATERIAL if parsed.color is None else diffuse_material(np.array(parsed.color), None)
+        if parsed.image is not None:
+            material = replace(material, base_color_texture=textures[parsed.image])
+        materials.append(material)
     return tuple(
         Part(shapes[index], materials[index], np.frombuffer(X_node_part, np.float64).reshape(4, 4))
         for index, X_node_part in mesh_data.instances
@@ -239,8 +241,7 @@ def _shape_of(parsed: ParsedShape) -> Shape:
 def diffuse_material(color: NDArray[np.float64], texture: Texture | None) -> Material:
     """Return a diffuse material.
 
-    With a texture, only the opacity of the colour is used, as in VTK and Drake: files with a texture often have a
-    black diffuse colour (Kd).
+    With a texture, only the opacity of the colour is used.
 
     Args:
         color: (4,) float64, sRGB and opacity in 0 .. 1.

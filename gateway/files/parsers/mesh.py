@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import io
 import math
 import re
@@ -33,6 +34,8 @@ _USED_MATERIAL: Final = re.compile(rb"^[ \t]*usemtl[ \t]([^\r\n]*)", re.MULTILIN
 _DEFINED_MATERIAL: Final = re.compile(rb"^[ \t]*newmtl[ \t]([^\r\n]*)", re.MULTILINE)
 _TEXTURE_OPTION: Final = re.compile(r"-[a-z]+(?: +(?:on|off|[-+.\de]+))+ +")
 """Option before a texture's name in an MTL file, such as ``-clamp on`` and ``-s 1 1 1``."""
+_WITHOUT_EFFECT: Final = frozenset({"-blendu", "-blendv", "-bm", "-boost", "-texres"})
+"""Options of filters, and of other textures than colours."""
 _MAX_NAMED: Final = 5
 """Maximum number of names in a warning."""
 
@@ -127,7 +130,7 @@ class _Resolver(trimesh.resolvers.Resolver):
         """Names of all materials in the MTL files that were read."""
 
     def get(self, name: str) -> bytes:
-        name = _TEXTURE_OPTION.sub("", str(name)) if str(name).startswith("-") else str(name)
+        name = _texture_name(str(name))
         data = self._read_file(name)
         materials = _DEFINED_MATERIAL.findall(data)
         if not materials and not name.lower().endswith(".mtl"):
@@ -174,7 +177,7 @@ def _shape(geometry: Any, textures: TextureFiles, warnings: list[str]) -> Shape 
         if strips is not None:
             strips = checked_triangles(strips, len(positions), warnings)
         return shape_of(positions, strips, warnings, colors=colors)
-    uv, color, image = _material(geometry, textures)
+    uv, color, image = _material(geometry, textures, warnings)
     # trimesh's property computes missing normals. Its cache has only the normals of the file.
     normals = geometry._cache.cache.get("vertex_normals")
     if normals is not None and len(normals) != len(positions):
@@ -208,8 +211,32 @@ def _vertex_colors(geometry: Any) -> NDArray[np.uint8] | None:
     return np.column_stack((srgb_bytes(np.asarray(colors)[:, :3]), np.full(len(colors), 255, np.uint8)))
 
 
+def _texture_name(statement: str) -> str:
+    """Return the file name in a statement of an MTL file, without the options before it."""
+    return _TEXTURE_OPTION.sub("", statement) if statement.startswith("-") else statement
+
+
+def _placed(uv: Any, statement: str, warnings: list[str]) -> NDArray[np.float64]:
+    """Return texture coordinates scaled by ``-s`` and moved by ``-o``; others that matter are a warning."""
+    scale, offset = np.ones(2), np.zeros(2)
+    ignored: list[str] = []
+    for option in _TEXTURE_OPTION.findall(statement) if statement.startswith("-") else ():
+        name, *values = option.split()
+        if name in ("-s", "-o"):
+            with contextlib.suppress(ValueError):
+                numbers = np.array(values[:2], np.float64)
+                (scale if name == "-s" else offset)[: len(numbers)] = numbers
+        elif name not in _WITHOUT_EFFECT and values != ["off"]:
+            ignored.append(option.strip())
+    placed: NDArray[np.float64] = np.asarray(uv, np.float64) * scale + offset
+    if ignored == ["-clamp on"] and placed.min() >= 0.0 and placed.max() <= 1.0:
+        return placed
+    warnings += [f"the option {option!r} of map_Kd is ignored" for option in ignored]
+    return placed
+
+
 def _material(
-    geometry: Any, textures: TextureFiles
+    geometry: Any, textures: TextureFiles, warnings: list[str]
 ) -> tuple[NDArray[np.float64] | None, tuple[float, float, float, float] | None, int | None]:
     """Return texture coordinates, diffuse colour and texture; None for those that are missing or unused.
 
@@ -224,10 +251,9 @@ def _material(
     image_file = getattr(material, "baseColorTexture", None) or getattr(material, "image", None)
     texture, info = getattr(image_file, "fp", None), getattr(image_file, "info", {})
     has_uv = uv is not None and np.shape(uv) == (len(geometry.vertices), 2)
+    path = str(info.get("file_path", "texture"))
     image = (
-        textures.add(str(info.get("file_path", "texture")), texture.getvalue())
-        if has_uv and isinstance(texture, io.BytesIO)
-        else None
+        textures.add(_texture_name(path), texture.getvalue()) if has_uv and isinstance(texture, io.BytesIO) else None
     )
     statements = getattr(material, "kwargs", None) or {}
     if image is None and isinstance(material, SimpleMaterial) and not statements:
@@ -235,6 +261,10 @@ def _material(
     diffuse = getattr(material, "baseColorFactor", None)
     diffuse = getattr(material, "diffuse", None) if diffuse is None else diffuse
     color = np.ones(4) if diffuse is None else np.append(np.asarray(diffuse, np.float64)[:4] / 255.0, 1.0)[:4]
+    if image is not None:
+        uv = _placed(uv, path, warnings)
+        if "kd" not in statements or not color[:3].any():  # a black one hides the texture, which nobody wants
+            color[:3] = 1.0
     color[3] *= _mtl_opacity(statements)
     return uv, _rgba(color), image
 
