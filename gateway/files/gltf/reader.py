@@ -82,6 +82,8 @@ def read_gltf(
     document = parse_document(container.json, limits, warnings)
     has_wrong_types = bool(warnings)
     buffers = Buffers(document, container, limits, resolve, warnings)
+    if resolve is None:
+        buffers.check_posted()
     accessors = Accessors(document, buffers, limits, warnings)
     if animation is not None:
         pose_nodes(document, accessors, animation, warnings)
