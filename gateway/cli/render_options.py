@@ -134,6 +134,15 @@ class RenderOptions:
         Literal["auto", "y", "z"],
         Option(help="Up axis of glTF files; auto: z for files that Drake merged, else y."),
     ] = "auto"
+    scale: Annotated[
+        float,
+        Option(
+            min=1e-9,
+            max=1e9,
+            metavar="FACTOR",
+            help="Factor of all lengths in glTF, mesh and robot files: 0.001 for millimetres.",
+        ),
+    ] = 1.0
     joint: Annotated[
         list[str] | None,
         Option(

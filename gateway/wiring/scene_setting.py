@@ -32,7 +32,11 @@ async def read_scene_setting(file: str, settings: Settings) -> SceneFile:
     """
     _log.info("Reading a scene file", file=file)
     options = SceneOptions(
-        settings.up, roots=settings.mesh_folders, robot_gltf_up=settings.robot_gltf_up, strict=settings.strict
+        settings.up,
+        settings.scale,
+        roots=settings.mesh_folders,
+        robot_gltf_up=settings.robot_gltf_up,
+        strict=settings.strict,
     )
     stop = StopFlag()
     try:

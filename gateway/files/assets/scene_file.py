@@ -10,7 +10,7 @@ from pathlib import Path
 from gateway.files.gltf import DRAKE_MERGER, AnimationTime, GltfError, PlacedCamera, Up, read_gltf
 from gateway.scene.tree.nodes import Node
 from gateway.scene.tree.nodes import Path as TreePath
-from gateway.scene.tree.transforms import Y_UP_TO_Z_UP
+from gateway.scene.tree.transforms import Y_UP_TO_Z_UP, scaling
 from renderers.drawlist import Light
 from scenegate.regular_files import errors_as, read_regular
 
@@ -46,6 +46,25 @@ class SceneFile:
     def from_drake(self) -> bool:
         """True for a document that Drake's render client merged."""
         return self.generator == DRAKE_MERGER
+
+
+def scaled(scene: SceneFile, scale: float) -> SceneFile:
+    """Return a scene in which all lengths are multiplied by a factor."""
+    if scale == 1.0:
+        return scene
+    root = Node(scene.root.parts, scaling(scale, scale, scale) @ scene.root.matrix, scene.root.children)
+    cameras: list[PlacedCamera] = []
+    for camera in scene.cameras:
+        pose = camera.X_world_camera.copy()
+        pose[:3, 3] *= scale
+        far, xmag = (None if length is None else scale * length for length in (camera.zfar, camera.xmag))
+        cameras.append(replace(camera, X_world_camera=pose, znear=scale * camera.znear, zfar=far, xmag=xmag))
+    lights: list[Light] = []
+    for light in scene.lights:
+        x, y, z = light.position
+        reach = None if light.range is None else scale * light.range
+        lights.append(replace(light, position=(scale * x, scale * y, scale * z), range=reach))
+    return replace(scene, root=root, cameras=tuple(cameras), lights=tuple(lights))
 
 
 class FolderFiles:
