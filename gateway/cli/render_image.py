@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from gateway.datasets.rendering import IMAGE_FORMATS, OUTPUTS, render_images, rig_warning, style_of
+from gateway.datasets.rendering import IMAGE_FORMATS, OUTPUTS, render_images, rig_warning, style_of, view_hint
 from gateway.datasets.scene_sources import SourceKind, find_sources
 from gateway.datasets.scenes import SceneError, load_options, load_scene
 from gateway.datasets.views import View, camera_of
@@ -53,11 +53,12 @@ def _render_image(path: Path, out: Path, settings: Settings, views: tuple[View, 
     camera = camera_of(
         view, scene.root, scene.draw_list, scene.file_camera, settings.width, settings.height, settings.fovy
     )
-    images = render_images(CpuRenderer(threads), scene, camera, {image_type: suffix}, style_of(settings))
+    renderer = CpuRenderer(threads)
+    images = render_images(renderer, scene, camera, {image_type: suffix}, style_of(settings))
     out.parent.mkdir(parents=True, exist_ok=True)
     out.write_bytes(images[image_type])
     if image_type == "label":
         out.with_suffix(".labels.json").write_bytes(manifest.encode_indented(scene.description.labels))
-    for warning in (*scene.description.warnings, rig_warning(scene, settings)):
+    for warning in (*scene.description.warnings, rig_warning(scene, settings), view_hint(renderer, scene, camera)):
         if warning is not None:
             print_note(f"{path}: {warning}")

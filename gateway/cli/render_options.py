@@ -107,7 +107,7 @@ class RenderOptions:
     ] = None
     look: Annotated[
         Literal["auto", "phong", "plain", "studio", "pbr", "gltf"],
-        Option(help="Shading of colour images; auto: studio, but files written by Drake look as in Drake."),
+        Option(help="Shading of colour images; auto: studio, but pbr for files that Drake merged."),
     ] = "auto"
     background: Annotated[str, Option(metavar="R,G,B", help="Background colour, 0 to 255 each.")] = "204,229,255"
     antialias: Annotated[
@@ -141,8 +141,18 @@ class RenderOptions:
         ),
     ] = None
     up: Annotated[
-        Literal["auto", "y", "z"], Option(help="Up axis of glTF files; auto: z for Drake's files, else y.")
+        Literal["auto", "y", "z"],
+        Option(help="Up axis of glTF files; auto: z for files that Drake merged, else y."),
     ] = "auto"
+    scale: Annotated[
+        float,
+        Option(
+            min=1e-9,
+            max=1e9,
+            metavar="FACTOR",
+            help="Factor of all lengths in glTF, mesh and robot files: 0.001 for millimetres.",
+        ),
+    ] = 1.0
     joint: Annotated[
         list[str] | None,
         Option(

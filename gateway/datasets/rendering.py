@@ -32,6 +32,7 @@ from gateway.datasets.derived_images import (
 )
 from gateway.datasets.scenes import LoadedScene
 from gateway.files.assets.light_rig_file import NO_LIGHT, cached_rig
+from gateway.scene.draw.bounds import MIN_SUSPECT, corners_of, loose_bounds, scale_hint
 from gateway.scene.draw.style import STUDIO_SAMPLES, Style
 from renderers.camera import Camera
 from renderers.depth_range import depth_in_millimetres
@@ -63,6 +64,9 @@ IMAGE_FORMATS: Final[dict[ImageType, tuple[str, ...]]] = {
     "measured": ("png",),
 }
 """Suffixes of the file formats of each type of image. The first is the default."""
+
+_NEAR_SHARE: Final = 0.03
+"""Share of a scene's length within which a camera inside of it usually sees something, such as the ground."""
 
 
 def style_of(settings: Settings) -> Style:
@@ -98,6 +102,28 @@ def rig_warning(scene: LoadedScene, settings: Settings) -> str | None:
         return "its own lights replace those of --rig; scene_lights = false in the rig's file keeps them"
     if rig.is_dark and not (scene.draw_list.lights and rig.scene_lights):
         return f"drawn black: {NO_LIGHT} (--rig)"
+    return None
+
+
+def view_hint(renderer: Renderer, scene: LoadedScene, camera: Camera) -> str | None:
+    """Return a hint if a camera sees nothing of a scene, or only the inside of what may be in millimetres, or None."""
+    bounds = loose_bounds(scene.draw_list)
+    if bounds is None:
+        return None
+    X = camera.X_camera_world
+    x, y, z = (corners_of(bounds) @ X[:3, :3].T + X[:3, 3]).T
+    u, v = camera.fx * x + camera.cx * z, camera.fy * y + camera.cy * z
+    if ((z > 0.0) & (u > 0.0) & (u < camera.width * z) & (v > 0.0) & (v < camera.height * z)).all():
+        return None
+    depth = renderer.render(scene.draw_list, camera, Output.DEPTH, BASE_COLOR_LOOK).depth
+    assert depth is not None
+    nearest, span = float(depth.min()), float((bounds[1] - bounds[0]).max())
+    if not np.isfinite(nearest):
+        return f"nothing in view; {scale_hint(bounds)}"
+    eye = camera.X_world_camera[:3, 3]
+    is_inside = bool(((bounds[0] < eye) & (eye < bounds[1])).all())
+    if is_inside and span >= MIN_SUSPECT and nearest > _NEAR_SHARE * span:
+        return f"nothing near the camera, which is inside of something; {scale_hint(bounds)}"
     return None
 
 

@@ -169,9 +169,7 @@ def model_names(source: Source, options: SceneOptions = DEFAULT_OPTIONS) -> froz
 def _load_file(source: Source, options: SceneOptions) -> LoadedScene:
     """Load a glTF file, a mesh or a robot."""
     scene = read_scene(Path(source.path), options)
-    look: LookName = "studio"
-    if scene.from_drake:
-        look = "phong" if scene.generator == "VTK" else "pbr"
+    look: LookName = "pbr" if scene.from_drake else "studio"
     draw_list, labels = _flatten_with_drake_labels(scene.root) if scene.from_drake else _flatten_numbered(scene.root)
     draw_list = replace(draw_list, lights=scene.lights)
     file_camera, flaws = usable_camera(scene.cameras, draw_list)

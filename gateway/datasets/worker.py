@@ -29,6 +29,7 @@ from gateway.datasets.rendering import (
     render_sample,
     rig_warning,
     style_of,
+    view_hint,
 )
 from gateway.datasets.scenario.tables import ScenarioError
 from gateway.datasets.scene_sources import Source
@@ -80,6 +81,7 @@ def run_task(task: Task) -> Result:
     except Exception as error:  # noqa: BLE001 - one bad scene must not end the others
         return Result(failures=[FailureRecord(scene_name, None, _error_text(error))])
     result = Result(warnings=scene.description.warnings if warning is None else (*scene.description.warnings, warning))
+    result.warnings += _view_hints(task, scene)
     for sample in task.samples:
         try:
             result.samples.append(_with_timeout(task, partial(_render_sample, task, scene, annotated, sample)))
@@ -119,6 +121,18 @@ def _render_sample(
         images=images,
         objects=objects,
     )
+
+
+def _view_hints(task: Task, scene: LoadedScene) -> tuple[str, ...]:
+    """Return a hint if the first view of a scene, which is no scenario's, sees nothing of it."""
+    if scene.request is not None or scene.scenario is not None or not task.samples:
+        return ()
+    try:
+        camera = _camera_of(task.samples[0].view, scene, task.settings)
+        hint = _with_timeout(task, partial(view_hint, _renderer(task.threads), scene, camera))
+    except (ValueError, OSError):  # the sample fails likewise
+        return ()
+    return () if hint is None else (hint,)
 
 
 def _inputs(task: Task, scene: LoadedScene, annotated: AnnotatedScene | None, sample: PlannedSample) -> SampleInputs:

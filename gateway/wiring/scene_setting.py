@@ -33,6 +33,7 @@ async def read_scene_setting(file: str, settings: Settings) -> SceneFile:
     _log.info("Reading a scene file", file=file)
     options = SceneOptions(
         settings.up,
+        settings.scale,
         roots=settings.mesh_folders,
         xacro_args=settings.xacro_arg,
         robot_gltf_up=settings.robot_gltf_up,

@@ -29,7 +29,8 @@ from gateway.runtime.http.error_handlers import invalid_parameters
 from gateway.runtime.http.http_server import PortService
 from gateway.runtime.http.middleware import EarlyResponse, HeadAsGet
 from gateway.runtime.settings import Settings
-from gateway.scene.draw.flatten import Flattener
+from gateway.scene.draw.bounds import MIN_SUSPECT, loose_bounds, scale_hint
+from gateway.scene.draw.flatten import Flattener, flatten
 from gateway.scene.draw.mount import Mount, MountedCamera, parse_mount_path, parse_mount_pose, parse_mounted_camera
 from gateway.scene.tree.labels import LabelTable
 from gateway.scene.tree.live import LiveTree, Snapshot
@@ -169,7 +170,10 @@ async def _scene(context: Context) -> LiveTree | None:
     if settings.stereo_scene == "live":
         return None
     file = await read_scene_setting(settings.stereo_scene, settings)
-    context.registry.warn("stereo", settings.stereo_scene, *file.warnings)
+    bounds = loose_bounds(flatten(file.root))
+    is_suspect = bounds is not None and (bounds[1] - bounds[0]).max() >= 3.0 * MIN_SUSPECT
+    hints = (scale_hint(bounds),) if bounds is not None and is_suspect else ()
+    context.registry.warn("stereo", settings.stereo_scene, *file.warnings, *hints)
     tree = LiveTree()
     with tree.edit() as edit:
         edit.set_subtree((), file.root)

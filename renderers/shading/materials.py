@@ -35,6 +35,7 @@ def look_material(material: Material, look: LookName) -> Material:
     - ``phong``, ``pbr``: the material's ``fallback`` is used, every alpha blends, and textures are sampled as in VTK.
     - ``pbr``: emission needs an emissive texture, and occlusion a metallic-roughness texture. Textures of 16 bits are
       linear (``material_values``).
+    - ``gltf``: occlusion has no effect, as it dims ambient light only (glTF 2.0, 3.9.3), and there is none.
     - ``pbr``, ``gltf``, ``studio``: materials written by VTK's exporter are dielectrics of roughness 0.5.
     """
     material = drawn_material(material, look)
@@ -61,6 +62,8 @@ def look_material(material: Material, look: LookName) -> Material:
             emissive=(0.0, 0.0, 0.0),
             emissive_texture=None,
         )
+    if look == "gltf" and material.occlusion_texture is not None:
+        material = replace(material, occlusion_texture=None)
     if material.vtk_export:
         return replace(material, metallic=0.0, roughness=VTK_PBR_ROUGHNESS, metallic_roughness_texture=None)
     return material

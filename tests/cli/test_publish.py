@@ -211,6 +211,11 @@ def test_a_robot_gets_a_path_for_each_link(tmp_path: Path) -> None:
             assert (result.exit_code, reason in result.stderr) == (1, True), result.stderr
         result = scenegate("publish", str(robot), "--joint", "elbo=1", "--lcm-url", hub)
         assert "the robot has no joint 'elbo'; did you mean elbow" in result.stderr
+        result = scenegate("publish", str(robot), "--scale", "0.001", "--lcm-url", hub)
+        assert (result.exit_code, "--scale is for mesh files" in result.stderr) == (1, True), result.stderr
+        triangle = write(tmp_path, TRIANGLE, "mm.obj")
+        result = scenegate("publish", str(triangle), "--scale", "0.001", "--up", "z", "--lcm-url", hub)
+        assert "set: mm" in result.stdout, result.stderr
     mesh = write(tmp_path, TRIANGLE, "m.obj")
     assert (
         "--collision and --reload are for robot files (.urdf, .sdf, .world, .xml, .mjcf, .xacro)"

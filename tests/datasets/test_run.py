@@ -393,7 +393,7 @@ def test_warns_about_an_ignored_rig(scenes: Path, tmp_path: Path, draw: Draw) ->
     document["nodes"].append({"extensions": {LIGHTS: {"light": 0}}})
     document["scenes"][0]["nodes"].append(len(document["nodes"]) - 1)
     (scenes / "lit.gltf").write_text(json.dumps(document))
-    (scenes / "drake.gltf").write_text(json.dumps(forms.gltf()))
+    (scenes / "drake.gltf").write_text(json.dumps(forms.gltf(generator="Drake glTF merger")))
 
     def warned(text: str, types: tuple[manifest.ImageType, ...] = ("color",), look: str = "auto") -> dict[str, str]:
         number = len(list(tmp_path.iterdir()))

@@ -32,17 +32,14 @@ def labels(scene: LoadedScene) -> list[int]:
 
 @pytest.mark.parametrize(
     ("generator", "look", "is_numbered"),
-    [("another program", "studio", True), ("VTK", "phong", False), ("VTK/Drake", "pbr", None)],
+    [("another program", "studio", True), ("VTK", "studio", True), ("Drake glTF merger", "pbr", False)],
 )
-def test_look_and_labels_follow_the_generator(
-    tmp_path: Path, generator: str, look: str, is_numbered: bool | None
-) -> None:
+def test_look_and_labels_follow_the_generator(tmp_path: Path, generator: str, look: str, is_numbered: bool) -> None:
     path = tmp_path / "a.gltf"
     path.write_text(json.dumps(forms.gltf(generator=generator)))
     scene = loaded(path)
-    if is_numbered is not None:
-        assert scene.look == look
-        assert (labels(scene) == [1]) is is_numbered
+    assert scene.look == look
+    assert (labels(scene) == [1]) is is_numbered
     assert scene.description.generator == generator
     assert scene.description.labels.keys() == {str(label) for label in labels(scene) if label != LABEL_NONE}
     assert scene.request is None

@@ -40,6 +40,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     add("source", metavar="SCENE.json|MESH|ROBOT", type=existing_file, help=help_text)
     add("--path", default="", help="path in the tree: robot/base")
+    add("--up", choices=("auto", "z"), default="auto", help="z: coordinates of a mesh file are Z up (default: auto)")
+    help_text = "factor of all lengths of a mesh file: 0.001 for millimetres (default: 1)"
+    add("--scale", type=at_least(1e-9), default=1.0, metavar="FACTOR", help=help_text)
     help_text = "refuse a file of which something cannot be drawn, instead of a warning"
     add("--strict", action="store_true", help=help_text)
     add_lcm_url(parser)
@@ -80,6 +83,8 @@ def run(options: argparse.Namespace) -> None:
     if source.suffix.lower() in SUFFIXES or (piped and not source.suffix):
         if options.reload and piped:
             raise ValueError(f"{source}: --reload needs a file, not a pipe")
+        if options.scale != 1.0:
+            raise ValueError(f"{source}: --scale is for mesh files, a robot file has a scale for each mesh")
         _publish_robot(options, path_of(options.path) or ("robot" if piped else source.stem,))
         return
     if any((options.joint, options.root, options.xacro_arg, options.keyframe, options.collision, options.reload)):
@@ -132,9 +137,10 @@ def _publish_robot(options: argparse.Namespace, top: NodePath) -> None:
 def _publish_mesh(options: argparse.Namespace, top: NodePath) -> None:
     """Publish a mesh file at a path; remove it again if nothing of it is drawn, or ``--strict`` refuses it."""
     source: Path = options.source
+    mesh = MeshFile.read(source, scale=options.scale, up="z" if options.up == "z" else None)
     changes = Changes()
     changes.delete(top)
-    changes.set_entry(top, Entry([MeshFile.read(source).body()]))
+    changes.set_entry(top, Entry([mesh.body()]))
     with TreeViewer(options.lcm_url, options.timeout) as viewer:
         answer = viewer.send(changes)
         failed = joined_warnings([warning for warning in answer.warnings if warning.endswith(NOTHING_DRAWN)])

@@ -88,6 +88,8 @@ class Settings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """Path of the rig file, which has the lights of the look ``studio``; None: the built-in lights."""
     rig_sha256: str | None = None
     """SHA-256 of the rig file and of the environment map that it names; None: no rig file."""
+    scale: float = 1.0
+    """Factor of all lengths in glTF, mesh and robot files."""
     joints: tuple[str, ...] = ()
     """Joint values of robot files, as ``name=value``."""
     roots: tuple[str, ...] = ()

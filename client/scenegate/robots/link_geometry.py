@@ -24,7 +24,7 @@ class LinkGeometries:
     def __init__(self, files: RobotFiles, warnings: list[str], gltf_up: Literal["y", "z"]) -> None:
         """
         Args:
-            gltf_up: Up axis of glTF meshes. Those that Drake wrote are Z up in any case.
+            gltf_up: Up axis of glTF meshes. Those that Drake merged are Z up in any case.
         """
         self._files = files
         self._link_files = LinkFiles(files, warnings)

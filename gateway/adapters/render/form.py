@@ -185,12 +185,10 @@ def read_fields(
     Raises:
         RequestError: names the field, its value and what is accepted.
     """
-    if not scene:
-        problem = "(the glTF file) is missing" if scene is None else "is an empty file"
-        raise RequestError(400, f"the field '{SCENE}' {problem}")
     warnings = [f"the field {quoted(name)} is unknown and ignored" for name in fields if name not in _KNOWN]
     is_depth = fields.get("image_type") == "depth"
-    _check_required_and_choices(fields, is_depth)  # below, every required key is there
+    _check_required_and_choices(fields, scene, is_depth)  # below, every required key is there
+    assert scene
     numbers = _read_decimals(fields)
     size: dict[str, int] = {}
     for name in ("width", "height"):
@@ -232,7 +230,7 @@ def read_fields(
     )
 
 
-def _check_required_and_choices(fields: Mapping[str, str], is_depth: bool) -> None:
+def _check_required_and_choices(fields: Mapping[str, str], scene: bytes | None, is_depth: bool) -> None:
     """Check that the fields of an image are there, and those with choices. Raises RequestError."""
     depth_range = ("min_depth", "max_depth") if is_depth else ()
     required = [*_REQUIRED, *depth_range]
@@ -241,11 +239,17 @@ def _check_required_and_choices(fields: Mapping[str, str], is_depth: bool) -> No
             required.append(name)
     if LOOK_FIELD in fields:  # it may be left out, but not be empty
         required.append(LOOK_FIELD)
-    for name in required:
-        if not fields.get(name):
-            problem = "is empty" if name in fields else "is missing"
-            hint = "; depth images need it" if name in depth_range else ""
-            raise RequestError(400, f"the field '{name}' {problem}{hint}")
+    missing = [name for name in required if not fields.get(name)]
+    if missing and (not scene or len(missing) > 1):
+        names = [f"'{SCENE}' (the glTF file)"] * (not scene) + [f"'{name}'" for name in missing]
+        raise RequestError(400, f"the fields {', '.join(names)} are missing or empty")
+    if not scene:
+        problem = "(the glTF file) is missing" if scene is None else "is an empty file"
+        raise RequestError(400, f"the field '{SCENE}' {problem}")
+    for name in missing:
+        problem = "is empty" if name in fields else "is missing"
+        hint = "; depth images need it" if name in depth_range else ""
+        raise RequestError(400, f"the field '{name}' {problem}{hint}")
     for name, choices in (("image_type", IMAGE_TYPES), (LOOK_FIELD, LOOKS)):
         if name in fields and fields[name] not in choices:
             listed = f"{', '.join(choices[:-1])} or {choices[-1]}"

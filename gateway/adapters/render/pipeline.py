@@ -14,7 +14,7 @@ from gateway.adapters.render.config import RenderConfig
 from gateway.adapters.render.errors import RequestError
 from gateway.adapters.render.request import RenderRequest
 from gateway.adapters.render.scenes import PreparedScene, SceneStore
-from gateway.files.gltf import DRAKE_MERGER, GltfError, HashedDocument
+from gateway.files.gltf import DRAKE_MERGER, VTK_EXPORTER, GltfError, HashedDocument
 from gateway.runtime.logs import tracing
 from gateway.scene.draw.flatten import flatten
 from gateway.scene.tree.nodes import Node
@@ -30,7 +30,7 @@ Backdrop = Callable[[], Node]
 """Returns the root of a scene to draw in addition to the request's: a new object if and only if it has changed."""
 
 _OUTPUTS: Final = {"color": Output.COLOR, "depth": Output.DEPTH, "label": Output.LABEL}
-_LOOKS: Final[dict[str, LookName]] = {"VTK": "phong", DRAKE_MERGER: "pbr"}
+_LOOKS: Final[dict[str, LookName]] = {VTK_EXPORTER: "phong", DRAKE_MERGER: "pbr"}
 """Look by ``asset.generator``. RenderEngineVtk uses PBR if the scene has a glTF mesh. The generator tells: the client's
 merger writes the documents of such scenes, and VTK's exporter those of all others."""
 _NEAR_FAR_RATIO: Final = 1e-6

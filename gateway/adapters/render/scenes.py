@@ -106,12 +106,12 @@ class SceneStore:
             GltfError: The document cannot be read. It is not cached.
         """
         if decode_images:
-            gltf = read_gltf(document.data, limits=self._limits, decode_images=True)
+            gltf = read_gltf(document.data, limits=self._limits, decode_images=True, posted=True)
         else:
             cached = self.scenes.get(document.digest)
             if cached is not None:
                 return cached
-            gltf = read_gltf(document, limits=self._limits, cache=self.geometry)
+            gltf = read_gltf(document, limits=self._limits, cache=self.geometry, posted=True)
         draw_list = draw_list_of(gltf, self._topologies)
         assert isinstance(draw_list.instances, PosedInstances)
         scene = PreparedScene(

@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 
 from gateway.datasets.scenario.catalogue import Catalogue
 from gateway.datasets.scenario.tables import Model
-from gateway.files.assets.scene_file import SceneFileError, Up
-from gateway.files.gltf import AnimationTime
+from gateway.files.assets.scene_file import SceneFileError
+from gateway.files.gltf import AnimationTime, Up
 from gateway.files.robots.reader import read_robot
 from gateway.files.robots.robot import Robot
 from gateway.files.robots.scene_files import SceneOptions, read_scene

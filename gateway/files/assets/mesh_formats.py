@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final
 
 import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from gateway.files.assets.scene_file import Up
-from gateway.files.gltf import GltfLimits, read_gltf
+from gateway.files.gltf import GltfLimits, Up, read_gltf
 from gateway.files.parsers.mesh_data import MeshData, MeshOptions
 from gateway.files.parsers.mesh_data import Shape as ParsedShape
 from gateway.runtime.workers.limited_process import ProcessFailed, ProcessLimits, call_limited
@@ -80,7 +79,7 @@ def parse_mesh(
 ) -> tuple[Part, ...]:
     """Return the parts of a mesh file, in metres and Z up.
 
-    glTF is Y-up by its specification, except for files that Drake wrote. COLLADA files state their unit and their up
+    glTF is Y-up by its specification, except for files that Drake merged. COLLADA files state their unit and their up
     axis. Files of the other formats state neither; they are taken as metres and Z up. A file without materials is
     white (``PLAIN_MATERIAL``), so that callers can apply a colour. Textures that cannot be decoded are left out.
 
@@ -91,7 +90,7 @@ def parse_mesh(
         limits: Limits of glTF. Those on vertices, elements, instances and pixels hold for all formats.
         warnings: Sentences about content that is left out or repaired are appended to this list.
         collada_up_axis: False: COLLADA files are taken as Z up whatever they state, as robot software does.
-        gltf_up: Up axis of glTF files; ``auto``: Y, but Z for files that Drake wrote.
+        gltf_up: Up axis of glTF files; ``auto``: Y, but Z for files that Drake merged.
         submesh: Name of the node of a COLLADA file whose parts are returned; empty: all parts.
 
     Raises:
@@ -138,9 +137,9 @@ def with_default_materials(parts: Iterable[Part], plain: Material, textured: Mat
 def _parts_of_gltf(
     data: bytes, resolve: ReadReferencedFile, limits: GltfLimits, warnings: list[str], up: Up
 ) -> tuple[Part, ...]:
-    scene = read_gltf(data, resolve=resolve, limits=limits, decode_images=True)
+    scene = read_gltf(data, resolve=resolve, limits=limits, decode_images=True, posted=up == "z")
     warnings += scene.warnings
-    is_z_up = up == "z" or (up == "auto" and scene.from_drake)
+    is_z_up = scene.is_z_up(up, warnings)
     parts: list[Part] = []
     stack: list[tuple[Node, Matrix]] = [(scene.root, IDENTITY if is_z_up else Y_UP_TO_Z_UP)]
     while stack:
@@ -209,9 +208,11 @@ def _parts_of_mesh_data(mesh_data: MeshData, limits: GltfLimits) -> tuple[Part, 
     materials: list[Material] = []
     for parsed in mesh_data.shapes:
         check_stop()
-        texture = None if parsed.image is None else textures[parsed.image]
         shapes.append(_shape_of(parsed))
-        materials.append(PLAIN_MATERIAL if parsed.color is None else diffuse_material(np.array(parsed.color), texture))
+        material = PLAIN_MATERIAL if parsed.color is None else diffuse_material(np.array(parsed.color), None)
+        if parsed.image is not None:
+            material = replace(material, base_color_texture=textures[parsed.image])
+        materials.append(material)
     return tuple(
         Part(shapes[index], materials[index], np.frombuffer(X_node_part, np.float64).reshape(4, 4))
         for index, X_node_part in mesh_data.instances
@@ -240,8 +241,7 @@ def _shape_of(parsed: ParsedShape) -> Shape:
 def diffuse_material(color: NDArray[np.float64], texture: Texture | None) -> Material:
     """Return a diffuse material.
 
-    With a texture, only the opacity of the colour is used, as in VTK and Drake: files with a texture often have a
-    black diffuse colour (Kd).
+    With a texture, only the opacity of the colour is used.
 
     Args:
         color: (4,) float64, sRGB and opacity in 0 .. 1.

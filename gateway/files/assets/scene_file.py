@@ -6,17 +6,14 @@ import hashlib
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Literal
 
-from gateway.files.gltf import DRAKE_GENERATORS, AnimationTime, GltfError, PlacedCamera, read_gltf
+from gateway.files.gltf import DRAKE_MERGER, AnimationTime, GltfError, PlacedCamera, Up, read_gltf
 from gateway.scene.tree.nodes import Node
 from gateway.scene.tree.nodes import Path as TreePath
-from gateway.scene.tree.transforms import Y_UP_TO_Z_UP
+from gateway.scene.tree.transforms import Y_UP_TO_Z_UP, scaling
 from renderers.drawlist import Light
 from scenegate.regular_files import errors_as, read_regular
 from scenegate.warning_text import warnings_and_notes
-
-Up = Literal["auto", "y", "z"]
 
 
 class SceneFileError(ValueError):
@@ -48,8 +45,27 @@ class SceneFile:
 
     @property
     def from_drake(self) -> bool:
-        """True for a document from Drake's render client."""
-        return self.generator in DRAKE_GENERATORS
+        """True for a document that Drake's render client merged."""
+        return self.generator == DRAKE_MERGER
+
+
+def scaled(scene: SceneFile, scale: float) -> SceneFile:
+    """Return a scene in which all lengths are multiplied by a factor."""
+    if scale == 1.0:
+        return scene
+    root = Node(scene.root.parts, scaling(scale, scale, scale) @ scene.root.matrix, scene.root.children)
+    cameras: list[PlacedCamera] = []
+    for camera in scene.cameras:
+        pose = camera.X_world_camera.copy()
+        pose[:3, 3] *= scale
+        far, xmag = (None if length is None else scale * length for length in (camera.zfar, camera.xmag))
+        cameras.append(replace(camera, X_world_camera=pose, znear=scale * camera.znear, zfar=far, xmag=xmag))
+    lights: list[Light] = []
+    for light in scene.lights:
+        x, y, z = light.position
+        reach = None if light.range is None else scale * light.range
+        lights.append(replace(light, position=(scale * x, scale * y, scale * z), range=reach))
+    return replace(scene, root=root, cameras=tuple(cameras), lights=tuple(lights))
 
 
 class FolderFiles:
@@ -90,7 +106,7 @@ def read_scene_file(
     """Read a ``.gltf`` or ``.glb`` file.
 
     Args:
-        up: The file's up axis; ``auto``: Z for Drake's generators, else Y by the specification.
+        up: The file's up axis; ``auto``: Z for documents that Drake merged, else Y by the specification.
         variant: Name of a variant of KHR_materials_variants; None: the default materials.
         animation: Animation whose pose the nodes have; None: the pose in which they are stored.
 
@@ -100,8 +116,12 @@ def read_scene_file(
     files = FolderFiles(path)
     with errors_as(SceneFileError, path, GltfError):
         data = files.read_scene()
-        scene = read_gltf(data, resolve=files.resolve, variant=variant, decode_images=True, animation=animation)
-    warnings, notes = warnings_and_notes(scene.warnings)
+        scene = read_gltf(
+            data, resolve=files.resolve, variant=variant, decode_images=True, animation=animation, posted=up == "z"
+        )
+    sentences = list(scene.warnings)
+    is_z_up = scene.is_z_up(up, sentences)
+    warnings, notes = warnings_and_notes(sentences)
     file = SceneFile(
         scene.root,
         scene.cameras,
@@ -112,7 +132,7 @@ def read_scene_file(
         digests=files.digests,
         models=scene.models,
     )
-    if up == "z" or (up == "auto" and file.from_drake):
+    if is_z_up:
         return file
     root = scene.root
     rotated = Node(root.parts, Y_UP_TO_Z_UP @ root.matrix, root.children)

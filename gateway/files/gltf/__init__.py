@@ -17,10 +17,11 @@ from gateway.files.gltf.document_cache import HashedDocument as HashedDocument
 from gateway.files.gltf.gltf_errors import GltfError as GltfError
 from gateway.files.gltf.gltf_scene import GltfScene as GltfScene
 from gateway.files.gltf.gltf_scene import PlacedCamera as PlacedCamera
+from gateway.files.gltf.gltf_scene import Up as Up
 from gateway.files.gltf.limits import GltfLimits as GltfLimits
 from gateway.files.gltf.material_reader import DEFAULT_MATERIAL as DEFAULT_MATERIAL
 from gateway.files.gltf.material_reader import label_from_material as label_from_material
 from gateway.files.gltf.reader import read_gltf as read_gltf
 from gateway.files.gltf.reader import read_mesh_names as read_mesh_names
-from gateway.files.gltf.schema import DRAKE_GENERATORS as DRAKE_GENERATORS
 from gateway.files.gltf.schema import DRAKE_MERGER as DRAKE_MERGER
+from gateway.files.gltf.schema import VTK_EXPORTER as VTK_EXPORTER

@@ -16,7 +16,7 @@ from gateway.files.gltf.container import Container
 from gateway.files.gltf.gltf_errors import GltfError, GltfLimitError, checked_item
 from gateway.files.gltf.limits import GltfLimits
 from gateway.files.gltf.parser import extension
-from gateway.files.gltf.schema import Document, GltfBufferView, MeshoptCompression
+from gateway.files.gltf.schema import Document, GltfBuffer, GltfBufferView, MeshoptCompression
 from scenegate.regular_files import reason_of
 
 Resolver = Callable[[str], bytes]
@@ -138,6 +138,12 @@ class Buffers:
         self._buffers[index] = buffer
         return buffer
 
+    def check_posted(self) -> None:
+        """Raise GltfError if all buffers of a posted document are files, instead of a warning for each mesh."""
+        uris = [source.uri if isinstance(source, GltfBuffer) else None for source in self._sources or ()]
+        if uris and all(uri and uri[:5].lower() != "data:" and uri[0] != "\0" for uri in uris):
+            self.from_uri(uris[0] or "", "buffers[0].uri")
+
     def from_uri(self, json_uri: str, path: str) -> Buffer:
         """Return the bytes of a data URI or, through the resolver, of a file.
 
@@ -174,7 +180,7 @@ class Buffers:
         if _SCHEME.match(uri) or uri.startswith(("/", "\\")):
             raise GltfError(f"{path}: only data URIs and relative URIs are read, not '{short_uri}'")
         if self._resolve is None:
-            raise GltfError(f"{path}: '{short_uri}' is a file, but only data URIs are allowed here")
+            raise GltfError(f"{path}: '{short_uri}' is a file that was not posted: post a .glb, which has it inside")
         try:
             data = self._resolve(unquote(uri))
         except (OSError, ValueError, LookupError) as error:

@@ -20,13 +20,15 @@ from renderers.stop import check_stop
 
 @dataclass(frozen=True, slots=True, eq=False)
 class MeshPose:
-    """The pose of a deformable mesh, which its node gives it."""
+    """The pose of a deformable mesh and the colour of an instance, which the node gives it."""
 
     morph_weights: tuple[float, ...] = ()
     """Factor of each morph target."""
     joint_matrices: NDArray[np.float32] | None = None
     """(number of joints, 3, 4): from the mesh's frame in the bind pose to the frame of the deformed mesh. None: the
     mesh has no skin."""
+    color: tuple[float, ...] | None = None
+    """Linear RGBA factor of an instance's base colours; None: white."""
 
 
 SKIN_ATTRIBUTES: Final = ("JOINTS_", "WEIGHTS_")

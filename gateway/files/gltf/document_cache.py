@@ -70,6 +70,10 @@ class DocumentContent:
 
     generator: str
     """``asset.generator``."""
+    from_drake: bool
+    """True for a document from Drake's render client."""
+    resembles_drake: bool
+    """True for a file of VTK's exporter that may be a saved document from Drake's render client."""
     cameras: list[schema.GltfCamera | None]
     lights: list[schema.GltfLight | None]
     parts: Mapping[int, tuple[Part, ...]]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Final
+from typing import Final, Literal, TypeAlias
 
 import numpy as np
 
@@ -12,7 +12,6 @@ from gateway.files.gltf import schema
 from gateway.files.gltf.document_cache import DocumentContent
 from gateway.files.gltf.gltf_errors import as_warning, checked_item
 from gateway.files.gltf.nodes import NodeParts, SceneNodes
-from gateway.files.gltf.schema import DRAKE_GENERATORS
 from gateway.scene.tree.nodes import Node, Path, PathElement
 from gateway.scene.tree.transforms import IDENTITY, Matrix
 from renderers.camera import OPENGL_FROM_OPTICAL
@@ -20,6 +19,13 @@ from renderers.drawlist import Light
 
 _SCALE_TOLERANCE: Final = 1e-12
 """Maximum deviation of an axis' length from 1 that is rounding and not scale."""
+_RESEMBLES_DRAKE: Final = (
+    "it is drawn Y up, as glTF says, but VTK's exporter wrote it as for Drake's render client: a saved request of "
+    "Drake needs --up z --look phong (a robot's mesh --robot-gltf-up z)"
+)
+
+Up: TypeAlias = Literal["auto", "y", "z"]
+"""Up axis of a file; ``auto``: Z if Drake's render client merged it, else Y."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -82,7 +88,13 @@ class GltfScene:
     @property
     def from_drake(self) -> bool:
         """True for a document from Drake's render client."""
-        return self.generator in DRAKE_GENERATORS
+        return self.content.from_drake
+
+    def is_z_up(self, up: Up, warnings: list[str]) -> bool:
+        """Return True if the file is Z up. ``auto`` adds a warning to a file that may be a saved request of Drake."""
+        if up == "auto" and self.content.resembles_drake:
+            warnings.append(_RESEMBLES_DRAKE)
+        return up == "z" or (up == "auto" and self.from_drake)
 
     @property
     def camera(self) -> PlacedCamera | None:

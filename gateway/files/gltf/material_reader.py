@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from collections.abc import Sequence
+from dataclasses import fields, replace
 from typing import Any, Final, TypeVar
 
 from gateway.files.gltf import schema
 from gateway.files.gltf.gltf_errors import as_warning, checked_item
 from gateway.files.gltf.parser import extension, vector_or_default
 from gateway.files.gltf.textures import Textures
-from renderers.drawlist import LABEL_NONE, AlphaMode, Material
+from renderers.drawlist import LABEL_NONE, AlphaMode, Material, Mesh, Texture
 
 DEFAULT_MATERIAL: Final = Material(metallic=0.0, fallback=Material(metallic=0.0, roughness=0.5, double_sided=True))
 """Material of primitives without one: white and not metallic, as RenderEngineVtk shows it. Compare by ``is``."""
@@ -46,17 +47,24 @@ class Materials:
     """The materials of one document, each read at its first use."""
 
     def __init__(
-        self, document: schema.Document, textures: Textures, warnings: list[str], variant: str | None = None
+        self,
+        document: schema.Document,
+        textures: Textures,
+        warnings: list[str],
+        variant: str | None = None,
+        *,
+        from_drake: bool = False,
     ) -> None:
         """
         Args:
+            from_drake: True for a document from Drake's render client.
             variant: Name of a variant of KHR_materials_variants; None: the default materials.
         """
         self._sources = document.materials
         self._warnings = warnings
         self._variant = None if variant is None else _variant_index(document, variant, warnings)
         self._textures = textures
-        self._from_drake = document.from_drake
+        self._from_drake = from_drake
         self._decodes_vertex_colors = not document.from_old_drake
         self._materials: dict[tuple[int, bool], Material] = {}
         """Materials by index in the document, and True if VTK's exporter wrote the primitive."""
@@ -94,11 +102,7 @@ class Materials:
 
         Other exporters may write the same material, but VTK's never writes normals or vertex colours.
         """
-        index, sources = primitive.material, self._sources or []
-        if index is None or not self._from_drake or not _NEVER_FROM_VTK.isdisjoint(primitive.attributes or ()):
-            return False
-        source = sources[index] if 0 <= index < len(sources) else None
-        return isinstance(source, schema.GltfMaterial) and _looks_written_by_vtk(source)
+        return self._from_drake and resembles_drake(primitive, self._sources or [])
 
     def _read(self, source: schema.GltfMaterial, name: str, from_vtk: bool) -> Material:
         """Read a material.
@@ -229,6 +233,29 @@ def _variant_index(document: schema.Document, name: str, warnings: list[str]) ->
     listed = ", ".join(repr(each)[:60] for each in names[:20]) or "none"
     warnings.append(f"the file has no material variant {name!r:.60} (it has {listed}), the default materials are drawn")
     return None
+
+
+def multiplied(material: Material, color: tuple[float, ...]) -> Material:
+    """Return a material whose base colour is multiplied by a linear RGBA colour."""
+    r, g, b, a = (factor * own for factor, own in zip(color, material.base_color, strict=True))
+    fallback = material.fallback and multiplied(material.fallback, color)
+    return replace(material, base_color=(r, g, b, a), fallback=fallback)
+
+
+def missing_coordinates(material: Material, mesh: Mesh) -> list[str]:
+    """Return the attributes with texture coordinates that a material's textures need and a mesh lacks."""
+    textures = [getattr(material, each.name) for each in fields(material)]
+    sets = {texture.uv_set for texture in textures if isinstance(texture, Texture)}
+    return [f"TEXCOORD_{number}" for number in sorted(sets) if (mesh.uv0, mesh.uv1)[number] is None]
+
+
+def resembles_drake(primitive: schema.GltfPrimitive, materials: Sequence[object]) -> bool:
+    """Return True if VTK's exporter writes such attributes and such a material for Drake's client."""
+    index = primitive.material
+    if index is None or not _NEVER_FROM_VTK.isdisjoint(primitive.attributes or ()):
+        return False
+    source = materials[index] if 0 <= index < len(materials) else None
+    return isinstance(source, schema.GltfMaterial) and _looks_written_by_vtk(source)
 
 
 def _looks_written_by_vtk(source: schema.GltfMaterial) -> bool:

@@ -14,6 +14,7 @@ from gateway.files.gltf.gltf_errors import GltfError, GltfLimitError, as_warning
 from gateway.files.gltf.limits import GltfLimits
 from gateway.files.gltf.nodes import INSTANCING, SceneNodes
 from gateway.files.gltf.parser import extension
+from gateway.files.gltf.vertex_attributes import rgba_colors
 from gateway.scene.tree.transforms import IDENTITY, affine_product, from_poses
 from renderers.stop import check_stop
 
@@ -73,6 +74,7 @@ def expand_mesh_nodes(
                     weights_of_mesh[mesh_index] = tuple(mesh.weights or ())
                 weights = weights_of_mesh[mesh_index]
             new_nodes, joint_matrices = None, None
+            colors: list[tuple[float, ...]] = []
             if source.skin is not None:
                 X_world_mesh, joint_matrices = skins.get(source.skin, f"{name}.skin")
                 new_nodes = _AddedNodes(position, -1, X_world_mesh[None])
@@ -81,6 +83,7 @@ def expand_mesh_nodes(
             elif instancing := extension(source.extensions, INSTANCING, schema.Instancing, name, warnings):
                 X_node_instances = _instance_poses(instancing, accessors, limits, f"{name}.extensions.{INSTANCING}")
                 new_nodes = _AddedNodes(position, position, X_node_instances)
+                colors = _instance_colors(instancing, accessors, len(X_node_instances), name, warnings)
             pose = MeshPose(weights, joint_matrices)
             if new_nodes is None:
                 poses[position] = pose
@@ -90,6 +93,8 @@ def expand_mesh_nodes(
                 raise GltfLimitError(f"{name}: the scene has more nodes than max_nodes = {limits.max_nodes}")
             added.append(new_nodes)
             poses |= dict.fromkeys(range(count, new_count), pose)
+            colored = {color: MeshPose(weights, None, color) for color in set(colors)}
+            poses |= {count + number: colored[color] for number, color in enumerate(colors)}
             count = new_count
     return _with_nodes(nodes, added), poses
 
@@ -162,6 +167,23 @@ class _Skins:
         with np.errstate(all="ignore"):
             joint_matrices[:, :, 3] -= X_world_mesh[:3, 3]
             return X_world_mesh, joint_matrices.astype(np.float32)
+
+
+def _instance_colors(
+    source: schema.Instancing, accessors: Accessors, count: int, name: str, warnings: list[str]
+) -> list[tuple[float, ...]]:
+    """Return the linear RGBA colour of each instance, as three.js writes them; empty if there are none."""
+    index = (source.attributes or {}).get("_COLOR_0")
+    if index is None:
+        return []
+    path = f"{name}.extensions.{INSTANCING}.attributes._COLOR_0"
+    with as_warning(warnings, "the instances have no colours"):
+        accessor = accessors.get(index, path)
+        if accessor.components not in (3, 4) or accessor.count != count:
+            found = f"{accessor.count} values of {accessor.components} components"
+            raise GltfError(f"{path}: {accessor.name} has {found}, not {count} of 3 or 4")
+        return list(map(tuple, rgba_colors(np.nan_to_num(accessor.floats())).astype(np.float64).tolist()))
+    return []
 
 
 def _instance_poses(

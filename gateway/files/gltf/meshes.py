@@ -67,6 +67,8 @@ class _CheckedPrimitive(msgspec.Struct, frozen=True, gc=False, eq=False):
     pose with joints also JOINTS_n and WEIGHTS_n."""
     deformation: Deformation | None
     """None: the mesh is drawn as it is stored."""
+    other_colors: Accessor | None
+    """COLOR_1, which is not read."""
     smooth: bool
     """True: triangles without stored normals get smooth ones; False: they are flat."""
 
@@ -161,14 +163,19 @@ class Meshes:
             attributes, indices, mode = self._decompressed(primitive, attributes, indices, mode, name)
         count = attributes["POSITION"].count
         for attribute, accessor in tuple(attributes.items()):
-            if accessor.count < count:
+            # VTK writes a COLOR_0 with one value for each triangle.
+            if accessor.count < count or (attribute == "COLOR_0" and accessor.count != count):
                 del attributes[attribute]
                 path, counts = f"{name}.attributes.{attribute}", f"{accessor.count} values for {count} vertices"
                 self._warnings.append(f"{path}: {accessor.name} has {counts}; {path} is ignored")
         deformation = deformation_of(primitive, pose, attributes, self._accessors, name, self._warnings)
         if deformation is not None and deformation.joint_matrices is not None and not deformation.influences:
             self._warnings.append(f"{name}: no JOINTS_0 and WEIGHTS_0 to use, it follows the first joint of its skin")
-        return _CheckedPrimitive(name, mode, indices, attributes, deformation, smooth)
+        other_colors = None
+        if "COLOR_0" in attributes and (index := references.get("COLOR_1")) is not None:
+            with as_warning(self._warnings, f"{name}.attributes.COLOR_1 is ignored"):
+                other_colors = self._accessors.get(index, f"{name}.attributes.COLOR_1")
+        return _CheckedPrimitive(name, mode, indices, attributes, deformation, other_colors, smooth)
 
     def _decompressed(
         self, primitive: GltfPrimitive, attributes: dict[str, Accessor], indices: Accessor | None, mode: int, name: str
@@ -284,7 +291,14 @@ class Meshes:
                     values = np.nan_to_num(values, nan=0.0, posinf=0.0, neginf=0.0)
                 values = optional[name] = convert(values) if convert else values
                 values.setflags(write=False)
+        if checked.other_colors is not None and (optional["colors"] == 1.0).all() and _has_color(checked.other_colors):
+            self._warnings.append(f"{checked.name}: COLOR_0 is drawn, which is white; COLOR_1 has the colours")
         return Mesh(positions, elements, **optional)
+
+
+def _has_color(accessor: Accessor) -> bool:
+    """Return True if the colours in an accessor are not all white."""
+    return not bool((np.nan_to_num(accessor.floats())[:, :3] >= 1.0).all())
 
 
 def _index_range(checked: _CheckedPrimitive, accessor: Accessor, indices: NDArray[Any]) -> tuple[int, int]:

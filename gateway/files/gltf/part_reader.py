@@ -8,11 +8,12 @@ from typing import TypeAlias
 from gateway.files.gltf.deformation import REST, MeshPose
 from gateway.files.gltf.gltf_errors import GltfError, GltfLimitError, as_warning, checked_item
 from gateway.files.gltf.limits import GltfLimits
-from gateway.files.gltf.material_reader import Materials
+from gateway.files.gltf.material_reader import Materials, missing_coordinates, multiplied
 from gateway.files.gltf.meshes import Meshes
 from gateway.files.gltf.nodes import SceneNodes
 from gateway.files.gltf.schema import Document, GltfMesh
 from gateway.scene.tree.geometry import Part, Surface
+from renderers.drawlist import Material
 from scenegate.warning_text import joined_warnings
 
 Parts: TypeAlias = tuple[Part, ...]
@@ -32,6 +33,8 @@ class PartReader:
         self._primitive_count = 0
         self._any_valid = False
         """True once a primitive has been read, even if it has nothing to draw."""
+        self._colored: dict[tuple[int, tuple[float, ...]], Material] = {}
+        """Materials of instances, by that of the mesh and the instance's colour."""
         self._left_out: list[str] = []
         """Sentences about primitives that are left out."""
 
@@ -95,9 +98,15 @@ class PartReader:
             primitive = checked_item(mesh.primitives, number, "primitives", path)
             smooth = self._materials.is_from_vtk(primitive)
             surface = self._meshes.read(primitive, path, pose, smooth=smooth)
-            part = Part(Surface(surface), self._materials.get(primitive, path)) if surface is not None else None
             self._any_valid = True
-            return part
+            if surface is None:
+                return None
+            material = self._materials.get(primitive, path)
+            if missing := missing_coordinates(material, surface):
+                self._warnings.append(f"{path}: textures have the colour of their corner, as it has no {missing[0]}")
+            if pose.color is not None:
+                material = self._colored.setdefault((id(material), pose.color), multiplied(material, pose.color))
+            return Part(Surface(surface), material)
         return None
 
 

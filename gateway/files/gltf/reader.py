@@ -25,13 +25,13 @@ from gateway.files.gltf.gltf_errors import GltfLimitError
 from gateway.files.gltf.gltf_scene import GltfScene, mesh_names, read_cameras
 from gateway.files.gltf.lights import place_lights, read_lights
 from gateway.files.gltf.limits import GltfLimits
-from gateway.files.gltf.material_reader import Materials
+from gateway.files.gltf.material_reader import Materials, resembles_drake
 from gateway.files.gltf.mesh_nodes import expand_mesh_nodes
 from gateway.files.gltf.meshes import Meshes
 from gateway.files.gltf.nodes import INSTANCING, NodeParts, SceneNodes, read_nodes
 from gateway.files.gltf.parser import check_extensions, check_version, parse_document
 from gateway.files.gltf.part_reader import PartReader, count_elements
-from gateway.files.gltf.schema import DRAKE_MERGER, GltfMesh
+from gateway.files.gltf.schema import DRAKE_MERGER, VTK_EXPORTER, Document, GltfMesh, GltfPrimitive
 from gateway.files.gltf.textures import Textures
 from renderers.cache import CacheBudget
 
@@ -49,6 +49,7 @@ def read_gltf(
     variant: str | None = None,
     decode_images: bool = False,
     animation: AnimationTime | None = None,
+    posted: bool = False,
 ) -> GltfScene:
     """Read a ``.gltf`` or ``.glb`` file.
 
@@ -61,6 +62,8 @@ def read_gltf(
         decode_images: True: leave out textures whose images cannot be decoded. False: rendering a colour image raises
             an ``ImageError``. Not with ``cache``.
         animation: Animation whose pose the nodes have; None: the pose in which they are stored. Not with ``cache``.
+        posted: True: a posted scene, so that VTK's exporter wrote it for Drake's client if it wrote it. It leaves out
+            normals, double-sidedness and blending, which are restored.
 
     Raises:
         GltfError: The document cannot be read. The message names the property, its value and the reason.
@@ -79,6 +82,8 @@ def read_gltf(
     document = parse_document(container.json, limits, warnings)
     has_wrong_types = bool(warnings)
     buffers = Buffers(document, container, limits, resolve, warnings)
+    if resolve is None:
+        buffers.check_posted()
     accessors = Accessors(document, buffers, limits, warnings)
     if animation is not None:
         pose_nodes(document, accessors, animation, warnings)
@@ -92,11 +97,14 @@ def read_gltf(
         nodes, poses = expand_mesh_nodes(document, nodes, accessors, limits, warnings)
     meshes = Meshes(accessors, DracoMeshes(document, buffers, limits), cache.content, limits, warnings)
     images = Textures(document, buffers, cache.content, limits, warnings, decode_images)
-    materials = Materials(document, images, warnings, variant)
+    from_drake = document.merged_by_drake or (posted and document.generator == VTK_EXPORTER)
+    materials = Materials(document, images, warnings, variant, from_drake=from_drake)
     lights = read_lights(document, warnings)
     parts, posed_parts = PartReader(document, meshes, materials, limits, warnings).read(nodes, poses)
     content = DocumentContent(
         generator=document.generator,
+        from_drake=from_drake,
+        resembles_drake=document.generator == VTK_EXPORTER and _resembles_drake(document),
         cameras=document.cameras or [],
         lights=lights,
         parts=parts,
@@ -115,6 +123,13 @@ def read_gltf(
     if hashed is not None and not depends_on_nodes and len(content.warnings) <= _MAX_LISTED_WARNINGS:
         cache.add(hashed, container, limits, content)
     return scene
+
+
+def _resembles_drake(document: Document) -> bool:
+    """Return True if VTK's exporter could have written each primitive of a document for Drake's client."""
+    meshes = [mesh for mesh in document.meshes or () if isinstance(mesh, GltfMesh)]
+    primitives = [each for mesh in meshes for each in mesh.primitives or () if isinstance(each, GltfPrimitive)]
+    return bool(primitives) and all(resembles_drake(each, document.materials or ()) for each in primitives)
 
 
 def read_mesh_names(data: bytes) -> frozenset[str]:

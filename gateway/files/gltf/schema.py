@@ -17,8 +17,9 @@ Extensions: TypeAlias = dict[str, msgspec.Raw] | None
 
 DRAKE_MERGER: Final = "Drake glTF merger"
 """``asset.generator`` of those documents from Drake's render client that have glTF meshes."""
-DRAKE_GENERATORS: Final = frozenset({"VTK", DRAKE_MERGER})
-"""``asset.generator`` of all documents from Drake's render client. Those without glTF meshes have ``VTK``."""
+VTK_EXPORTER: Final = "VTK"
+"""``asset.generator`` of all files of VTK's exporter: the other documents from Drake's render client, but also the
+Y-up files of PyVista, ParaView and others."""
 
 
 class Object(msgspec.Struct, rename="camel", gc=False):
@@ -239,11 +240,6 @@ class Document(Object):
         return (self.asset.generator if self.asset is not None else None) or ""
 
     @property
-    def from_drake(self) -> bool:
-        """True for documents from Drake's render client."""
-        return self.generator in DRAKE_GENERATORS
-
-    @property
     def merged_by_drake(self) -> bool:
         """True for documents that Drake's client merged from several files.
 
@@ -253,9 +249,9 @@ class Document(Object):
 
     @property
     def from_old_drake(self) -> bool:
-        """True for documents from an old Drake, which names meshes ``mesh0`` and so on (1.51.1; 1.58.0 does not)."""
+        """True for documents that an old Drake (1.51.1; not 1.58.0) merged: it names meshes ``mesh0`` and so on."""
         first_mesh = self.meshes[0] if self.meshes else None
-        return self.from_drake and isinstance(first_mesh, GltfMesh) and first_mesh.name == "mesh0"
+        return self.merged_by_drake and isinstance(first_mesh, GltfMesh) and first_mesh.name == "mesh0"
 
 
 class Variant(Object):

@@ -96,7 +96,7 @@ class Textures:
     def _webp_source(self, texture: schema.GltfTexture, index: int) -> int | None:
         """Return the image of EXT_texture_webp, for a texture without a source of its own."""
         # When Drake's client merges several files, it does not adapt the indices in extensions.
-        webp = None if self._document.from_drake else texture.extensions
+        webp = None if self._document.merged_by_drake else texture.extensions
         image = extension(webp, "EXT_texture_webp", schema.ImageSource, f"textures[{index}]", self._warnings)
         if image is not None and image.source is not None:
             return image.source

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import io
 import math
 import re
@@ -15,8 +16,16 @@ from trimesh.visual.material import SimpleMaterial
 
 from gateway.files.parsers.collada import read_collada
 from gateway.files.parsers.mesh_data import MeshData, MeshFaultError, MeshOptions, Shape, checked_triangles, shape_of
-from gateway.files.parsers.obj import with_absolute_faces, without_broken_faces
-from gateway.files.parsers.ply import triangles_of_strips, with_plain_header, with_triangles
+from gateway.files.parsers.obj import with_absolute_faces, with_unit_colors, without_broken_faces
+from gateway.files.parsers.ply import (
+    colors_of,
+    faces_of,
+    srgb_bytes,
+    triangles_of_strips,
+    with_plain_header,
+    with_triangles,
+    with_used_coordinates,
+)
 from gateway.files.parsers.texture_files import ReadFile, TextureFiles
 from gateway.files.parsers.vtk import read_vtk
 
@@ -25,6 +34,8 @@ _USED_MATERIAL: Final = re.compile(rb"^[ \t]*usemtl[ \t]([^\r\n]*)", re.MULTILIN
 _DEFINED_MATERIAL: Final = re.compile(rb"^[ \t]*newmtl[ \t]([^\r\n]*)", re.MULTILINE)
 _TEXTURE_OPTION: Final = re.compile(r"-[a-z]+(?: +(?:on|off|[-+.\de]+))+ +")
 """Option before a texture's name in an MTL file, such as ``-clamp on`` and ``-s 1 1 1``."""
+_WITHOUT_EFFECT: Final = frozenset({"-blendu", "-blendv", "-bm", "-boost", "-texres"})
+"""Options of filters, and of other textures than colours."""
 _MAX_NAMED: Final = 5
 """Maximum number of names in a warning."""
 
@@ -74,12 +85,12 @@ def _read(read_file: ReadFile, data: bytes, extension: str, options: MeshOptions
         return read_collada(data, read_file, options)
     if extension == "obj":
         original = data
-        data = with_absolute_faces(data)
-    elif extension == "ply":
-        data = with_triangles(with_plain_header(data))
+        data = with_unit_colors(with_absolute_faces(data))
     result = MeshData()
     textures = TextureFiles(read_file, result)
     resolver = _Resolver(read_file, textures)
+    if extension == "ply":
+        data = with_triangles(with_used_coordinates(with_plain_header(data), resolver.get, result.warnings))
 
     def load(data: bytes) -> Any:
         return trimesh.load_scene(
@@ -119,7 +130,7 @@ class _Resolver(trimesh.resolvers.Resolver):
         """Names of all materials in the MTL files that were read."""
 
     def get(self, name: str) -> bytes:
-        name = _TEXTURE_OPTION.sub("", str(name)) if str(name).startswith("-") else str(name)
+        name = _texture_name(str(name))
         data = self._read_file(name)
         materials = _DEFINED_MATERIAL.findall(data)
         if not materials and not name.lower().endswith(".mtl"):
@@ -157,43 +168,81 @@ def _shape(geometry: Any, textures: TextureFiles, warnings: list[str]) -> Shape 
     positions = np.asarray(getattr(geometry, "vertices", np.zeros((0, 3))))
     if positions.ndim != 2 or positions.shape[1] != 3 or not len(positions):
         return None
-    colors = _vertex_colors(geometry, len(positions))
+    ply = geometry.metadata.get("_ply_raw", {})
+    colors = colors_of(ply, "vertex") if ply else _vertex_colors(geometry)
+    if colors is not None and len(colors) != len(positions):
+        colors = None
     if not hasattr(geometry, "faces"):
-        strips = triangles_of_strips(geometry.metadata)
+        strips = triangles_of_strips(ply)
         if strips is not None:
             strips = checked_triangles(strips, len(positions), warnings)
         return shape_of(positions, strips, warnings, colors=colors)
-    triangles = checked_triangles(np.asarray(geometry.faces, np.int64).reshape(-1, 3), len(positions), warnings)
-    uv, color, image = _material(geometry, textures)
+    uv, color, image = _material(geometry, textures, warnings)
     # trimesh's property computes missing normals. Its cache has only the normals of the file.
     normals = geometry._cache.cache.get("vertex_normals")
     if normals is not None and len(normals) != len(positions):
         normals = None
+    face_colors = colors_of(ply, "face")
+    if image is not None:
+        colors = None
+    elif face_colors is not None and (colors is None or (colors == colors[0]).all()):
+        triangles, face = faces_of(ply)
+        triangles = checked_triangles(np.column_stack((triangles, face)), len(positions), warnings)
+        corners = triangles[:, :3].ravel()
+        positions, normals = positions[corners], None if normals is None else normals[corners]
+        colors = face_colors[triangles[:, 3]].repeat(3, axis=0)
+        triangles = np.arange(len(corners)).reshape(-1, 3)
+        return shape_of(positions, triangles, warnings, normals=normals, colors=colors)
+    triangles = checked_triangles(np.asarray(geometry.faces, np.int64).reshape(-1, 3), len(positions), warnings)
     return shape_of(positions, triangles, warnings, normals=normals, uv=uv, colors=colors, color=color, image=image)
 
 
-def _vertex_colors(geometry: Any, vertex_count: int) -> NDArray[np.uint8] | None:
-    """Return the sRGB colours of vertices or points, (vertex_count, 4) uint8; None if there are none."""
+def _vertex_colors(geometry: Any) -> NDArray[np.uint8] | None:
+    """Return the sRGB colours of the vertices or points of an OBJ file, (N, 4); None if there are none."""
     visual = getattr(geometry, "visual", None)
-    if visual is None or getattr(visual, "kind", None) != "vertex":
+    if visual is None:
         colors = getattr(geometry, "colors", None)
-    else:
+    elif getattr(visual, "kind", None) == "vertex":
         colors = visual.vertex_colors
-    if colors is None or np.shape(colors) != (vertex_count, 4):
+    else:  # beside a material or texture coordinates
+        colors = geometry.vertex_attributes.get("color")
+    if colors is None or np.ndim(colors) != 2:
         return None
-    return np.asarray(colors, np.uint8)
+    return np.column_stack((srgb_bytes(np.asarray(colors)[:, :3]), np.full(len(colors), 255, np.uint8)))
+
+
+def _texture_name(statement: str) -> str:
+    """Return the file name in a statement of an MTL file, without the options before it."""
+    return _TEXTURE_OPTION.sub("", statement) if statement.startswith("-") else statement
+
+
+def _placed(uv: Any, statement: str, warnings: list[str]) -> NDArray[np.float64]:
+    """Return texture coordinates scaled by ``-s`` and moved by ``-o``; others that matter are a warning."""
+    scale, offset = np.ones(2), np.zeros(2)
+    ignored: list[str] = []
+    for option in _TEXTURE_OPTION.findall(statement) if statement.startswith("-") else ():
+        name, *values = option.split()
+        if name in ("-s", "-o"):
+            with contextlib.suppress(ValueError):
+                numbers = np.array(values[:2], np.float64)
+                (scale if name == "-s" else offset)[: len(numbers)] = numbers
+        elif name not in _WITHOUT_EFFECT and values != ["off"]:
+            ignored.append(option.strip())
+    placed: NDArray[np.float64] = np.asarray(uv, np.float64) * scale + offset
+    if ignored == ["-clamp on"] and placed.min() >= 0.0 and placed.max() <= 1.0:
+        return placed
+    warnings += [f"the option {option!r} of map_Kd is ignored" for option in ignored]
+    return placed
 
 
 def _material(
-    geometry: Any, textures: TextureFiles
+    geometry: Any, textures: TextureFiles, warnings: list[str]
 ) -> tuple[NDArray[np.float64] | None, tuple[float, float, float, float] | None, int | None]:
     """Return texture coordinates, diffuse colour and texture; None for those that are missing or unused.
 
     Coordinates are kept without a texture: the material of a robot file may have one for them.
     """
     visual = geometry.visual
-    if getattr(visual, "kind", None) == "face":
-        return None, _rgba(np.asarray(visual.main_color, np.float64) / 255.0), None
     material, uv = getattr(visual, "material", None), getattr(visual, "uv", None)
     if material is None:
         return None, None, None
@@ -202,10 +251,9 @@ def _material(
     image_file = getattr(material, "baseColorTexture", None) or getattr(material, "image", None)
     texture, info = getattr(image_file, "fp", None), getattr(image_file, "info", {})
     has_uv = uv is not None and np.shape(uv) == (len(geometry.vertices), 2)
+    path = str(info.get("file_path", "texture"))
     image = (
-        textures.add(str(info.get("file_path", "texture")), texture.getvalue())
-        if has_uv and isinstance(texture, io.BytesIO)
-        else None
+        textures.add(_texture_name(path), texture.getvalue()) if has_uv and isinstance(texture, io.BytesIO) else None
     )
     statements = getattr(material, "kwargs", None) or {}
     if image is None and isinstance(material, SimpleMaterial) and not statements:
@@ -213,6 +261,10 @@ def _material(
     diffuse = getattr(material, "baseColorFactor", None)
     diffuse = getattr(material, "diffuse", None) if diffuse is None else diffuse
     color = np.ones(4) if diffuse is None else np.append(np.asarray(diffuse, np.float64)[:4] / 255.0, 1.0)[:4]
+    if image is not None:
+        uv = _placed(uv, path, warnings)
+        if "kd" not in statements or not color[:3].any():  # a black one hides the texture, which nobody wants
+            color[:3] = 1.0
     color[3] *= _mtl_opacity(statements)
     return uv, _rgba(color), image
 

@@ -76,11 +76,12 @@ class MeshFaultError(ValueError):
 
 
 def checked_triangles(faces: NDArray[np.int64], vertex_count: int, warnings: list[str]) -> NDArray[np.int64]:
-    """Return the faces whose indices are below ``vertex_count``; a sentence is appended if others are left out."""
-    if not faces.size or (faces.min() >= 0 and faces.max() < vertex_count):
+    """Return the rows whose first three values are below ``vertex_count``; a sentence tells of others."""
+    corners = faces[:, :3]
+    if not corners.size or (corners.min() >= 0 and corners.max() < vertex_count):
         return faces
-    worst = int(faces.min()) if faces.min() < 0 else int(faces.max())
-    is_valid = ((faces >= 0) & (faces < vertex_count)).all(axis=1)
+    worst = int(corners.min()) if corners.min() < 0 else int(corners.max())
+    is_valid = ((corners >= 0) & (corners < vertex_count)).all(axis=1)
     count = len(faces) - np.count_nonzero(is_valid)
     warnings.append(
         f"{count} of {len(faces)} triangles refer to vertices that do not exist ({worst} of {vertex_count})"

@@ -16,6 +16,8 @@ _KINDS: Final = (b"v", b"vt", b"vn")
 _RELATIVE_FACE: Final = re.compile(rb"^[ \t]*f[ \t][^\r\n]*[ \t/]-\d", re.MULTILINE)
 _CONTINUED: Final = re.compile(rb"\\[\r\n]")
 _NEGATIVE: Final = re.compile(rb"-\d{1,9}")
+_VERTEX: Final = re.compile(rb"^[ \t]*v[ \t][^\r\n]*", re.MULTILINE)
+_COLORED_VERTEX: Final = re.compile(rb"^([ \t]*v(?:[ \t]+\S+){3})[ \t]+(\S+)[ \t]+(\S+)[ \t]+(\S+)", re.MULTILINE)
 _MISSING: Final = 999_999_999
 """Index that trimesh refuses; one below 1 would count from the end of the file."""
 
@@ -38,6 +40,25 @@ def with_absolute_faces(data: bytes) -> bytes:
         elif statement and statement[0] in counts:
             counts[statement[0]] += 1
     return b"\n".join(lines)
+
+
+def with_unit_colors(data: bytes) -> bytes:
+    """Return the file with colours of vertices from 0 to 1, which are also written from 0 to 255 or 65535."""
+    first = _VERTEX.search(data)
+    if first is None or len(first[0].split()) < 7:
+        return data
+    try:
+        largest = max(max(map(float, match.groups()[1:])) for match in _COLORED_VERTEX.finditer(data))
+    except ValueError:
+        return data
+    if not 2.0 <= largest < float("inf"):
+        return data
+    full = 255.0 if largest <= 255.0 else 65535.0
+
+    def scaled(match: re.Match[bytes]) -> bytes:
+        return b" ".join((match[1], *(b"%.6f" % (float(channel) / full) for channel in match.groups()[1:])))
+
+    return _COLORED_VERTEX.sub(scaled, data)
 
 
 def _joined(lines: list[bytes]) -> list[bytes]:

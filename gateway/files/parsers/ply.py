@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
+import re
 import struct
 from array import array
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any, Final
 
@@ -35,7 +38,21 @@ _CODES: Final = {
     "float64": "d",
 }
 """Codes of the scalar types in the modules ``struct`` and NumPy."""
+_TYPE_NAMES: Final = {np.dtype(code).str[1:]: name for name, code in _CODES.items()}
+"""Names of types by NumPy's, without the byte order."""
 _INDEX_NAMES: Final = ("vertex_indices", "vertex_index")
+_COLOR_NAMES: Final = (
+    ("red", "green", "blue", ("alpha",)),
+    ("diffuse_red", "diffuse_green", "diffuse_blue", ("diffuse_alpha", "alpha")),
+    ("r", "g", "b", ("a", "alpha")),
+)
+"""Properties of colours in lower case: red, green, blue, and names of the opacity."""
+_ANY_COLOR: Final = re.compile(rb"^property \w+ (?i:diffuse_red|red|r)[ \t]*$", re.MULTILINE)
+_TEXTURE_COORDINATE: Final = re.compile(
+    rb"^(property (?:list \w+ )?\w+ )(s|t|u|v|texture_u|texture_v|texcoord)[ \t]*$", re.MULTILINE
+)
+_TEXTURE_FILE: Final = re.compile(rb"texturefile[ \t]*([^\n]*)", re.IGNORECASE)
+_SPLAT: Final = re.compile(rb"^property \w+ f_dc_0[ \t]*$", re.MULTILINE)
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,14 +67,14 @@ class _Element:
     """Type of a list's length (None: no list), type of the values, and name."""
 
     def index_list(self) -> tuple[int, np.dtype[Any]]:
-        """Return which of the element's lists holds indices of vertices, and their type. The only list has any name.
+        """Return which property is the list of indices of vertices, and its type. The only list has any name.
 
         Raises:
             ValueError: There is none.
         """
-        lists = [(name, values) for length, values, name in self.properties if length is not None]
-        for number, (name, values) in enumerate(lists):
-            if values.kind in "iu" and (name in _INDEX_NAMES or len(lists) == 1):
+        list_count = sum(length is not None for length, _, _ in self.properties)
+        for number, (length, values, name) in enumerate(self.properties):
+            if length is not None and values.kind in "iu" and (name in _INDEX_NAMES or list_count == 1):
                 return number, values
         raise ValueError(f"its element {self.name!r} has no list 'vertex_indices' of integers")
 
@@ -80,11 +97,35 @@ def with_plain_header(data: bytes) -> bytes:
     return header + b"end_header\n" + body if end else data
 
 
+def with_used_coordinates(data: bytes, read_texture: Callable[[str], bytes], warnings: list[str]) -> bytes:
+    """Return the file without texture coordinates that would replace its colours, although it has no texture.
+
+    trimesh reads either colours or texture coordinates. Blender writes both.
+
+    Args:
+        read_texture: Returns the bytes of the texture; raises OSError.
+        warnings: A sentence is appended if the file holds Gaussians.
+    """
+    header, end, body = data.partition(b"end_header\n")
+    if _SPLAT.search(header):
+        warnings.append(
+            "it is a Gaussian splat (f_dc_0 …): its centres are drawn as points, without its Gaussians and colours"
+        )
+    if not _ANY_COLOR.search(header):
+        return data
+    texture = _TEXTURE_FILE.search(header)
+    if texture is not None:
+        with contextlib.suppress(OSError):
+            read_texture(texture[1].strip().decode())
+            return data
+    return _TEXTURE_COORDINATE.sub(rb"\1unused_\2", header) + end + body
+
+
 def with_triangles(data: bytes) -> bytes:
     """Return a binary file with triangles in place of polygons and strips.
 
-    Blender writes faces of different numbers of corners, which trimesh takes for faces like the first one. Other
-    properties of faces, and the elements after them, are left out. Other files are returned as they are.
+    Blender writes faces of different numbers of corners, which trimesh takes for faces like the first one. Other lists
+    of faces, and the elements after them, are left out. Other files are returned as they are.
 
     Raises:
         ValueError: The header is wrong, or the file is too short.
@@ -101,23 +142,34 @@ def with_triangles(data: bytes) -> bytes:
         return data
     start = place = len(header) + len(end)
     for element in elements[: elements.index(drawn)]:
-        place = _lists(data, place, element)[2]
+        place = _values(data, place, element)[2]
     index_list, index = drawn.index_list()
     if drawn.name == "face" and _are_small_and_equal(data, place, drawn, index_list):
         return data
-    all_lengths, places, _ = _lists(data, place, drawn)
+    all_lengths, places, _ = _values(data, place, drawn)
     lengths = all_lengths[:, index_list]
-    indices = _indices(data, lengths, places[:, index_list], index)
+    indices = _array(data, lengths, places[:, index_list], index).astype(np.int64)
+    colors: list[tuple[str, NDArray[Any]]] = []
+    """Names and values of the properties of faces that are colours, for each triangle."""
     if drawn.name == "face":
         triangles = triangles_of_polygons(indices, np.cumsum(lengths) - lengths, lengths)
+        face = np.repeat(np.arange(len(lengths)), np.maximum(lengths - 2, 0))
+        colors = [
+            (name, _array(data, all_lengths[:, number], places[:, number], values)[face])
+            for number, (length, values, name) in enumerate(drawn.properties)
+            if length is None
+        ]
     else:
         triangles = triangles_of_strip(np.insert(indices, np.cumsum(lengths), -1))
     if not len(triangles):
         raise ValueError(f"its {drawn.count} elements {drawn.name!r} have no triangles")
     code, type_name = ("i4", "int") if index.kind == "i" else ("u4", "uint")
-    rows = np.empty(len(triangles), [("count", "u1"), ("corners", order + code, 3)])
-    rows["count"], rows["corners"] = 3, triangles
-    faces = f"element face {len(rows)}\nproperty list uchar {type_name} vertex_indices\nend_header\n"
+    row = [("", "u1"), ("", order + code, 3), *(("", values.dtype) for _, values in colors)]
+    rows = np.empty(len(triangles), row)
+    for name, values in zip(rows.dtype.names or (), (3, triangles, *(values for _, values in colors)), strict=True):
+        rows[name] = values
+    scalars = "".join(f"property {_TYPE_NAMES[values.dtype.str[1:]]} {name}\n" for name, values in colors)
+    faces = f"element face {len(rows)}\nproperty list uchar {type_name} vertex_indices\n{scalars}end_header\n"
     text = "\n".join((*lines[: drawn.line], faces)).encode("latin-1")
     return text + data[start:place] + rows.tobytes()
 
@@ -146,8 +198,8 @@ def _elements(lines: list[str], order: str) -> list[_Element]:
     return elements
 
 
-def _lists(data: bytes, place: int, element: _Element) -> tuple[NDArray[np.int64], NDArray[np.int64], int]:
-    """Return the lengths of an element's lists, the places of their values, both (count, lists), and the element's end.
+def _values(data: bytes, place: int, element: _Element) -> tuple[NDArray[np.int64], NDArray[np.int64], int]:
+    """Return the numbers of values of an element with lists, their places, both (count, properties), and its end.
 
     Args:
         place: Place of the element's data in the file.
@@ -155,13 +207,13 @@ def _lists(data: bytes, place: int, element: _Element) -> tuple[NDArray[np.int64
     Raises:
         ValueError: The file is too short, or a length is negative.
     """
-    lists = sum(length is not None for length, _, _ in element.properties)
+    has_lists = any(length is not None for length, _, _ in element.properties)
     lengths, places = array("q"), array("q")
     too_short = ValueError("it is shorter than its header says")
-    if not lists:
+    if not has_lists:
         place += element.count * sum(values.itemsize for _, values, _ in element.properties)
     try:
-        for _ in range(element.count if lists else 0):  # each list takes a byte or more, so the data ends this
+        for _ in range(element.count if has_lists else 0):  # each list takes a byte or more, so the data ends this
             for length, values, _ in element.properties:
                 number = 1
                 if length is not None:
@@ -171,53 +223,95 @@ def _lists(data: bytes, place: int, element: _Element) -> tuple[NDArray[np.int64
                         raise ValueError(f"a list of its element {element.name!r} has a length of {number}")
                     if place + number * values.itemsize > len(data):
                         raise too_short
-                    lengths.append(number)
-                    places.append(place)
+                lengths.append(number)
+                places.append(place)
                 place += number * values.itemsize
     except struct.error:
         raise too_short from None
     if place > len(data):
         raise too_short
-    shape = (-1, max(lists, 1))
+    shape = (-1, max(len(element.properties), 1))
     return np.array(lengths, np.int64).reshape(shape), np.array(places, np.int64).reshape(shape), place
 
 
 def _are_small_and_equal(data: bytes, place: int, faces: _Element, index_list: int) -> bool:
     """Return True if trimesh reads all faces: up to four corners, and each list as long as that of the first face."""
-    lengths, places, end = _lists(data, place, dataclasses.replace(faces, count=1))
+    lengths, places, end = _values(data, place, dataclasses.replace(faces, count=1))
     if lengths[0, index_list] > 4 or place + faces.count * (end - place) > len(data):
         return False
-    counters = [length for length, _, _ in faces.properties if length is not None]
+    lists = zip(faces.properties, places[0].tolist(), strict=True)
+    counters = [(length, at - place - length.size) for (length, _, _), at in lists if length is not None]
     row = np.dtype({
         "names": list(map(str, range(len(counters)))),
-        "formats": [counter.format for counter in counters],
-        "offsets": [at - place - counter.size for at, counter in zip(places[0].tolist(), counters, strict=True)],
+        "formats": [counter.format for counter, _ in counters],
+        "offsets": [offset for _, offset in counters],
         "itemsize": end - place,
     })  # fmt: skip
     rows = np.frombuffer(data, row, faces.count, place)
     return all((rows[name] == rows[name][0]).all() for name in row.names or ())
 
 
-def _indices(
-    data: bytes, lengths: NDArray[np.int64], places: NDArray[np.int64], index: np.dtype[Any]
-) -> NDArray[np.int64]:
+def _array(data: bytes, lengths: NDArray[np.int64], places: NDArray[np.int64], values: np.dtype[Any]) -> NDArray[Any]:
     """Return the values of lists of these lengths, one after the other, whose first values are at these places."""
-    first = np.repeat(places - (np.cumsum(lengths) - lengths) * index.itemsize, lengths)
-    value_places = first + np.arange(len(first)) * index.itemsize
-    raw = np.frombuffer(data, np.uint8)[value_places[:, None] + np.arange(index.itemsize)]
-    return np.asarray(raw.view(index)[:, 0], np.int64)
+    first = np.repeat(places - (np.cumsum(lengths) - lengths) * values.itemsize, lengths)
+    value_places = first + np.arange(len(first)) * values.itemsize
+    raw = np.frombuffer(data, np.uint8)[value_places[:, None] + np.arange(values.itemsize)]
+    array: NDArray[Any] = raw.view(values)[:, 0]
+    return array
 
 
-def triangles_of_strips(metadata: dict[str, Any]) -> NDArray[np.int64] | None:
+def colors_of(raw: dict[str, Any], element: str) -> NDArray[np.uint8] | None:
+    """Return the sRGB colours of an element, (count, 4); None if it has none.
+
+    Args:
+        raw: The elements as trimesh reads them.
+    """
+    data = raw.get(element, {}).get("data")
+    names = getattr(getattr(data, "dtype", None), "names", None) or (data if isinstance(data, dict) else ())
+    columns = {name.lower(): data[name] for name in names}
+    for *channels, opacities in _COLOR_NAMES:
+        if all(name in columns for name in channels):
+            rgb = srgb_bytes(np.column_stack([np.ravel(columns[name]) for name in channels]))
+            opacity = next((np.ravel(columns[name]) for name in opacities if name in columns), np.ones(len(rgb)))
+            return np.column_stack((rgb, srgb_bytes(opacity)))
+    return None
+
+
+def srgb_bytes(values: NDArray[Any]) -> NDArray[np.uint8]:
+    """Return colours as bytes. Floats are from 0 to 1, or as integers from 0 to 255 or 65535: the largest one tells."""
+    if values.dtype == np.uint8:
+        return values
+    numbers = np.nan_to_num(values.astype(np.float64))
+    largest = numbers.max(initial=0.0)
+    full = 1.0 if values.dtype.kind == "f" and largest < 2.0 else 255.0 if largest <= 255.0 else 65535.0
+    return np.rint(np.clip(numbers / full, 0.0, 1.0) * 255.0).astype(np.uint8)
+
+
+def faces_of(raw: dict[str, Any]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Return the triangles of a file's faces, (M, 3), and the face of each, (M,).
+
+    Args:
+        raw: The elements as trimesh reads them.
+    """
+    data = raw["face"]["data"]
+    name = next(each for each in _INDEX_NAMES if each in (data if isinstance(data, dict) else data.dtype.names))
+    corners = data[name] if isinstance(data, dict) else data[name]["f1"]
+    sizes = np.array([len(each) for each in corners], np.int64)
+    indices = np.concatenate(list(corners)).astype(np.int64)
+    triangles = triangles_of_polygons(indices, np.cumsum(sizes) - sizes, sizes)
+    return triangles, np.repeat(np.arange(len(sizes)), np.maximum(sizes - 2, 0))
+
+
+def triangles_of_strips(raw: dict[str, Any]) -> NDArray[np.int64] | None:
     """Return the (M, 3) triangles of an element ``tristrips`` of an ASCII file; None if there is none.
 
     Args:
-        metadata: Metadata of the point cloud that trimesh reads.
+        raw: The elements as trimesh reads them.
 
     Raises:
         ValueError: The element has no list of vertices.
     """
-    element = metadata.get("_ply_raw", {}).get("tristrips", {}).get("data")
+    element = raw.get("tristrips", {}).get("data")
     if not isinstance(element, dict):
         return None
     lists = next((element[name] for name in _INDEX_NAMES if name in element), None)

@@ -106,7 +106,7 @@ class _Parser:
             raise MeshFaultError(f"it ends after {len(found)} of {count} numbers")
         self._position = end - (len(found[count]) if len(found) > count else 0)
         try:
-            return np.array(found[:count], dtype="S32").astype(np.float64)
+            return np.fromiter(map(float, found[:count]), np.float64, count)
         except ValueError:
             raise MeshFaultError("it has a number that cannot be read") from None
 

@@ -18,8 +18,7 @@ from gateway.files.assets.mesh_formats import (
     parse_mesh,
     with_default_materials,
 )
-from gateway.files.assets.scene_file import Up
-from gateway.files.gltf import GltfError
+from gateway.files.gltf import GltfError, Up
 from gateway.files.robots.limits import RobotLimits
 from gateway.scene.tree.geometry import Part, Surface
 from gateway.scene.tree.materials import mean_color
@@ -38,7 +37,7 @@ class LinkParts:
     def __init__(self, files: RobotFiles, limits: RobotLimits, warnings: list[str], gltf_up: Literal["y", "z"]) -> None:
         """
         Args:
-            gltf_up: Up axis of glTF meshes. Those that Drake wrote are Z up in any case.
+            gltf_up: Up axis of glTF meshes. Those that Drake merged are Z up in any case.
         """
         self._files = files
         self._link_files = LinkFiles(files, warnings, (MeshFormatError, GltfError, ImageError))

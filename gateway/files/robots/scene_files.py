@@ -7,8 +7,8 @@ from pathlib import Path
 from typing import Final
 
 from gateway.files.assets.mesh_formats import FORMATS, MESH_LIMITS, MeshFormatError, parse_mesh
-from gateway.files.assets.scene_file import SceneFile, SceneFileError, Up, read_scene_file
-from gateway.files.gltf import AnimationTime, GltfError
+from gateway.files.assets.scene_file import SceneFile, SceneFileError, read_scene_file, scaled
+from gateway.files.gltf import AnimationTime, GltfError, Up
 from gateway.files.robots.gltf_up import RobotGltfUp
 from gateway.files.robots.reader import read_robot
 from gateway.scene.tree.nodes import Node
@@ -38,6 +38,8 @@ class SceneOptions:
 
     up: Up = "auto"
     """Up axis of a glTF file, see ``read_scene_file``."""
+    scale: float = 1.0
+    """Factor of all lengths: 0.001 for a file in millimetres."""
     joints: tuple[str, ...] = ()
     """Joint values of a robot, as ``name=value``. Other joints have the values of the file."""
     roots: tuple[str | Path, ...] = ()
@@ -69,7 +71,7 @@ def read_scene(path: Path, options: SceneOptions = DEFAULT_OPTIONS) -> SceneFile
     scene = _read_by_suffix(path, options)
     if options.strict and (refusal := strict_refusal(scene.warnings)):
         raise SceneFileError(f"{path}: {refusal}")
-    return scene
+    return scaled(scene, options.scale)
 
 
 def _read_by_suffix(path: Path, options: SceneOptions) -> SceneFile:

@@ -76,8 +76,14 @@ class InterfaceSettings(BaseSettings):
     )
     up: Literal["auto", "y", "z"] = render(
         "auto",
-        "Up axis of glTF files of --backdrop and --stereo-scene; 'auto' chooses by asset.generator: Z for Drake, "
+        "Up axis of glTF files of --backdrop and --stereo-scene; 'auto': Z if Drake's render client merged the file, "
         "else Y.",
+    )
+    scale: float = render(
+        1.0,
+        "Factor of all lengths in the files of --backdrop and --stereo-scene: 0.001 for millimetres.",
+        gt=0.0,
+        le=1e9,
     )
     robot_gltf_up: Literal["y", "z", "auto"] = render(
         "y",

@@ -25,6 +25,8 @@ _CHUNK_VERTICES: Final = 1 << 19
 """Number of vertices transformed in one call: 12 MB, about the size of the CPU's caches."""
 _CORNER_INDEX: Final = np.array([[(corner >> axis) & 1 for axis in range(3)] for corner in range(8)])
 """(8, 3): index into ``Bounds`` of each corner's coordinate along each axis, 0 for the lowest and 1 for the highest."""
+MIN_SUSPECT: Final = 100.0
+"""Minimum length of a scene that may be in millimetres, metres."""
 _FLAT_RATIO: Final = 0.01
 """Maximum ratio of the shortest to the longest side of a flat box."""
 _GROUND_RATIO: Final = 1.5
@@ -145,6 +147,13 @@ def instance_bounds(instances: Sequence[Instance]) -> list[Bounds | None]:
     """Return the box of each instance in the world; None for an instance that draws nothing."""
     boxes = _instance_boxes(instances)
     return [None if is_empty else box for box, is_empty in zip(boxes, np.isnan(boxes[:, 0, 0]).tolist(), strict=True)]
+
+
+def scale_hint(bounds: Bounds) -> str:
+    """Return how much a scene spans, with ``--scale`` for what may be in millimetres."""
+    span = float((bounds[1] - bounds[0]).max())
+    length = f"{span / 1000.0:.3g} km" if span >= 1000.0 else f"{span:.3g} m"
+    return f"the scene spans {length}" + ("; --scale 0.001, if it is in millimetres" if span >= MIN_SUSPECT else "")
 
 
 def union(boxes: Sequence[Bounds] | NDArray[np.float64]) -> Bounds | None:

@@ -161,6 +161,15 @@ def test_a_missing_focal_length_comes_from_the_field_of_view() -> None:
     assert "fov_y must be positive" in refused_fields(fov_y="0")
 
 
+def test_all_missing_fields_are_named_at_once() -> None:
+    fields: dict[str, str | None] = dict.fromkeys(("width", "near", "max_depth", "focal_x", "fov_x"))
+    fields["far"] = ""
+    text = refused_fields("depth", **fields)
+    assert all(f"'{name}'" in text for name in ("width", "near", "far", "max_depth", "focal_x"))
+    text = refused(closed(part("unknown", b"1")))
+    assert all(f"'{name}'" in text for name in ("scene", "image_type", "width", "center_y", "focal_y"))
+
+
 @pytest.mark.parametrize("name", ["width", "height", "near", "far", "focal_x", "center_x", "center_y", "image_type"])
 def test_errors_name_missing_and_empty_fields(name: str) -> None:
     without_fov: dict[str, Any] = {"fov_x": None, "fov_y": None}

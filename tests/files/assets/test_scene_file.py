@@ -11,7 +11,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from gateway.files.assets.scene_file import SceneFile, SceneFileError, Up, read_scene_file
+from gateway.files.assets.scene_file import SceneFile, SceneFileError, read_scene_file
+from gateway.files.gltf import Up
 from gateway.scene.draw.flatten import flatten
 from tests.support import forms
 from tests.support.bounds import scene_bounds
@@ -39,7 +40,8 @@ UNCHANGED = ((-0.5, -0.5, -1.0), (0.5, 0.5, -1.0))
     [
         ("other", "auto", ROTATED),
         ("other", "z", UNCHANGED),
-        ("VTK", "auto", UNCHANGED),
+        ("VTK", "auto", ROTATED),
+        ("VTK", "z", UNCHANGED),
         ("Drake glTF merger", "auto", UNCHANGED),
         ("VTK", "y", ROTATED),
     ],
@@ -56,7 +58,7 @@ def test_buffers_may_lie_beside_the_scene(tmp_path: Path) -> None:
     (tmp_path / "data").mkdir()
     (tmp_path / "data" / "a b.bin").write_bytes(base64.b64decode(forms.TRIANGLE_URI.split(",")[1]))
     path = written(tmp_path, buffers=[{"byteLength": 36, "uri": "data/a%20b.bin"}])
-    assert np.allclose(bounds(read_scene_file(path)), UNCHANGED, atol=1e-6)
+    assert np.allclose(bounds(read_scene_file(path)), ROTATED, atol=1e-6)
 
 
 @pytest.mark.parametrize("uri", ["../secret.bin", "link.bin", "data/../../secret.bin"])
@@ -102,7 +104,31 @@ def test_the_files_that_were_read_are_listed_with_their_digests(tmp_path: Path) 
     assert list(digests) == [path.name, "corners.bin"]
 
 
-@pytest.mark.parametrize(("generator", "from_drake"), [("VTK", True), ("Drake glTF merger", True), ("other", False)])
+@pytest.mark.parametrize(("generator", "from_drake"), [("VTK", False), ("Drake glTF merger", True), ("other", False)])
 def test_documents_of_drake_are_recognised(tmp_path: Path, generator: str, from_drake: bool) -> None:
     scene = read_scene_file(written(tmp_path, generator=generator))
     assert (scene.generator, scene.from_drake) == (generator, from_drake)
+
+
+VTK_MATERIAL = {"pbrMetallicRoughness": {"baseColorFactor": [1, 0, 0, 0.5], "metallicFactor": 0, "roughnessFactor": 1}}
+
+
+@pytest.mark.parametrize(
+    ("generator", "up", "material", "warns", "restored"),
+    [
+        ("VTK", "auto", VTK_MATERIAL, True, False),
+        ("VTK", "y", VTK_MATERIAL, False, False),
+        ("VTK", "z", VTK_MATERIAL, False, True),
+        ("VTK", "auto", VTK_MATERIAL | {"doubleSided": True}, False, False),
+        ("other", "auto", VTK_MATERIAL, False, False),
+        ("other", "z", VTK_MATERIAL, False, False),
+    ],
+)
+def test_a_file_that_may_be_a_saved_request_has_a_warning(
+    tmp_path: Path, generator: str, up: Up, material: dict[str, Any], warns: bool, restored: bool
+) -> None:
+    scene = read_scene_file(written(tmp_path, generator=generator, materials=[material]), up=up)
+    assert any("--up z --look phong" in warning for warning in scene.warnings) is warns
+    (instance,) = flatten(scene.root).instances
+    assert instance.material.vtk_export is restored
+    assert not scene.from_drake

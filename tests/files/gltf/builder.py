@@ -70,7 +70,8 @@ class Builder:
         return json.dumps(self.json).encode()
 
     def read(self, **options: Any) -> GltfScene:
-        return read_gltf(self.text(), **options)
+        """Read the document as a posted scene."""
+        return read_gltf(self.text(), **{"posted": True, **options})
 
 
 def glb(document: dict[str, Any] | bytes, binary: bytes | None = None) -> bytes:

@@ -256,9 +256,21 @@ def test_relative_uris_need_a_resolver() -> None:
     assert positions(text, resolve=resolve) == TRIANGLE.tobytes()
     assert asked == ["my mesh.bin"]
     with pytest.raises(
-        GltfError, match=r"buffers\[0\]\.uri: 'my%20mesh.bin' is a file, but only data URIs are allowed"
+        GltfError, match=r"buffers\[0\]\.uri: 'my%20mesh.bin' is a file that was not posted: post a .glb"
     ):
         read_gltf(text)
+
+
+def test_a_posted_document_without_its_buffer_is_one_sentence() -> None:
+    b = Builder()
+    b.node(mesh=b.mesh(*({"attributes": {"POSITION": b.accessor(TRIANGLE)}} for _ in range(5))))
+    for buffer in b.json["buffers"]:
+        buffer["uri"] = "scene.bin"
+    with pytest.raises(GltfError) as error:
+        b.read()
+    assert str(error.value).count("scene.bin") == str(error.value).count("post a .glb") == 1
+    b.json["buffers"][0]["uri"] = data_uri(TRIANGLE.tobytes())
+    assert len(meshes(b.read())) == 1
 
 
 @pytest.mark.parametrize("uri", ["file:///etc/passwd", "http://example.org/a.bin", "/etc/passwd", "C:\\a", "\\\\h\\a"])

@@ -29,7 +29,7 @@ def read(scene: DrakeScene | None, image_type: str = "color", **options: Any) ->
     assert scene is not None
     # Recordings of other versions share the description of the same scene.
     info = scene.path.parent.parent / "scenes" / scene.name / "info.json"
-    return read_gltf(scene.request(image_type).scene, **options), json.loads(info.read_text())
+    return read_gltf(scene.request(image_type).scene, posted=True, **options), json.loads(info.read_text())
 
 
 def world_triangles(root: Node) -> NDArray[np.float64]:

@@ -13,7 +13,7 @@ from gateway.adapters.stereo.imaging.rendered_images import DOT_ALPHA
 from gateway.files.gltf import DEFAULT_MATERIAL, GltfCache, GltfError, GltfLimits, GltfScene, label_from_material
 from renderers.drawlist import LABEL_NONE, AlphaMode, Material, Sampler, Texture, Wrap
 from scenegate.warning_text import warnings_and_notes
-from tests.files.gltf.builder import Builder, data_uri, parts
+from tests.files.gltf.builder import TRIANGLE, Builder, data_uri, parts
 
 
 def png(color: tuple[int, int, int] = (10, 20, 30), size: tuple[int, int] = (2, 3)) -> bytes:
@@ -26,7 +26,9 @@ def png(color: tuple[int, int, int] = (10, 20, 30), size: tuple[int, int] = (2, 
 def read_material(material: dict[str, Any] | None, b: Builder | None = None) -> tuple[Material, GltfScene]:
     b = b or Builder()
     primitive = {} if material is None else {"material": b.add("materials", material)}
-    b.node(mesh=b.triangle(**primitive))
+    uv = b.accessor(TRIANGLE[:, :2])
+    attributes = {"POSITION": b.accessor(TRIANGLE), "TEXCOORD_0": uv, "TEXCOORD_1": uv}
+    b.node(mesh=b.mesh({"attributes": attributes, **primitive}))
     scene = b.read()
     ((_, part),) = parts(scene)
     return part.material, scene
@@ -476,7 +478,7 @@ def test_a_texture_that_cannot_be_read_is_left_out(info: Any, texture: dict[str,
     [
         ({"source": 4}, {}, r"textures\[0\]\.source: 4 is out of range \(1 images\)"),
         ({}, {"uri": None}, r"images\[0\]: there is neither a uri nor a bufferView"),
-        ({}, {"bufferView": 4}, r"images\[0\]\.bufferView: 4 is out of range \(1 bufferViews\)"),
+        ({}, {"bufferView": 4}, r"images\[0\]\.bufferView: 4 is out of range \(2 bufferViews\)"),
         ({}, {"uri": "data:image/png;base64"}, r"images\[0\]\.uri: not a valid data URI: there is no comma"),
     ],
 )

@@ -366,6 +366,36 @@ def test_instances() -> None:
     assert scene.instance_count == 2
 
 
+@pytest.mark.parametrize(
+    ("colors", "dtype", "expected"),
+    [
+        ([(1, 0, 0), (0, 0.5, 1), (0, 0.5, 1)], "f", [(1, 0, 0, 1), (0, 0.5, 1, 1), (0, 0.5, 1, 1)]),
+        ([(255, 0, 51, 255), (0, 0, 0, 51), (0, 0, 0, 51)], "B", [(1, 0, 0.2, 1), (0, 0, 0, 0.2), (0, 0, 0, 0.2)]),
+        ([(65535, 0, 13107)] * 3, "H", [(1, 0, 0.2, 1)] * 3),
+    ],
+)
+@pytest.mark.parametrize("base", [None, (0.5, 1.0, 0.25, 1.0)])
+def test_instances_have_their_own_colors(colors: Any, dtype: str, expected: Any, base: Any) -> None:
+    b = Builder()
+    attributes = {"TRANSLATION": b.accessor(np.eye(3)), "_COLOR_0": b.accessor(colors, dtype, normalized=dtype != "f")}
+    instanced(attributes, b)
+    if base is not None:
+        b.add("materials", {"pbrMetallicRoughness": {"baseColorFactor": base}})
+        b.json["meshes"][0]["primitives"][0]["material"] = 0
+    materials = [part.material for _, part in parts(b.read())]
+    np.testing.assert_allclose([each.base_color for each in materials], np.array(expected) * (base or 1.0), atol=1e-6)
+    assert len({id(each) for each in materials}) == len(set(map(tuple, expected)))
+
+
+@pytest.mark.parametrize("colors", [[(1, 0, 0), (0, 1, 0)], [(1, 0), (0, 1), (1, 1)]])
+def test_colors_that_fit_no_instance_have_a_warning(colors: Any) -> None:
+    b = Builder()
+    scene = instanced({"TRANSLATION": b.accessor(np.eye(3)), "_COLOR_0": b.accessor(colors)}, b).read()
+    assert [part.material.base_color for _, part in parts(scene)] == [(1.0, 1.0, 1.0, 1.0)] * 3
+    (warning,) = scene.warnings
+    assert "_COLOR_0" in warning
+
+
 def test_an_instanced_file() -> None:
     scene = read_file("instanced")
     assert scene.instance_count == 5

@@ -10,7 +10,8 @@ from gateway.files.gltf.gltf_errors import GltfError
 from gateway.files.gltf.topology import element_count, separate_elements
 from renderers.cache import CacheBudget
 from renderers.drawlist import Topology
-from tests.files.gltf.builder import TRIANGLE, Builder, corners, meshes, only_mesh
+from tests.files.gltf.builder import TRIANGLE, Builder, corners, data_uri, meshes, only_mesh
+from tests.files.gltf.test_material_reader import png
 
 SQUARE = np.array([(0, 0, 0), (1, 0, 0), (0, 1, 0), (1, 1, 0)], np.float32)
 
@@ -235,6 +236,47 @@ def test_unusable_attributes_are_left_out_with_a_warning() -> None:
     assert [w.split(":")[0].rpartition(".")[2] for w in scene.warnings] == ["TEXCOORD_0", "COLOR_0"]
 
 
+@pytest.mark.parametrize("count", [2, 12])
+def test_colors_that_fit_no_vertex_are_left_out(count: int) -> None:
+    """VTK's exporter writes one for each triangle."""
+    b = Builder()
+    b.node(
+        mesh=b.mesh(
+            {"attributes": {"POSITION": b.accessor(TRIANGLE), "COLOR_0": b.accessor(np.eye(3, 4)[[0] * count])}}
+        )
+    )
+    scene = b.read()
+    assert meshes(scene)[0].colors is None
+    (warning,) = scene.warnings
+    assert "COLOR_0" in warning
+    assert f"{count} values" in warning
+
+
+@pytest.mark.parametrize(
+    ("first", "second", "warns"), [(1, 0.5, True), (1, 1, False), (0.5, 0.25, False), (None, 0.5, False)]
+)
+def test_white_colors_beside_others_have_a_warning(first: float | None, second: float, warns: bool) -> None:
+    b = Builder()
+    attributes = {"POSITION": b.accessor(TRIANGLE), "COLOR_1": b.accessor(np.full((3, 4), second))}
+    if first is not None:
+        attributes["COLOR_0"] = b.accessor(np.full((3, 4), first))
+    b.node(mesh=b.mesh({"attributes": attributes}))
+    assert any("COLOR_1" in warning for warning in b.read().warnings) is warns
+
+
+@pytest.mark.parametrize(("uv_set", "stored", "missing"), [(0, "0", ""), (0, "1", "0"), (1, "0", "1"), (1, "01", "")])
+def test_a_texture_without_its_coordinates_has_a_warning(uv_set: int, stored: str, missing: str) -> None:
+    b = Builder()
+    b.add("images", {"uri": data_uri(png(), "image/png")})
+    b.add("textures", {"source": 0})
+    b.add("materials", {"pbrMetallicRoughness": {"baseColorTexture": {"index": 0, "texCoord": uv_set}}})
+    attributes = {f"TEXCOORD_{number}": b.accessor(TRIANGLE[:, :2]) for number in stored}
+    b.node(mesh=b.mesh({"attributes": {"POSITION": b.accessor(TRIANGLE), **attributes}, "material": 0}))
+    warnings = b.read().warnings
+    assert len(warnings) == bool(missing)
+    assert all(f"TEXCOORD_{missing}" in warning for warning in warnings)
+
+
 def test_primitives_without_elements_are_left_out() -> None:
     b = Builder()
     primitives: tuple[dict[str, Any], ...] = (
@@ -355,9 +397,9 @@ def test_the_first_and_the_last_vertex_of_a_large_mesh_are_kept(vertex: int, axi
     assert mesh.positions[vertex, axis] == np.float32(-1e13)
 
 
-@pytest.mark.parametrize("attribute", ["NORMAL", "TANGENT", "TEXCOORD_0", "TEXCOORD_1", "COLOR_0"])
+@pytest.mark.parametrize("attribute", ["NORMAL", "TANGENT", "TEXCOORD_0", "TEXCOORD_1"])
 def test_attributes_may_have_more_values_than_vertices_but_not_fewer(attribute: str) -> None:
-    width = {"NORMAL": 3, "TANGENT": 4, "TEXCOORD_0": 2, "TEXCOORD_1": 2, "COLOR_0": 4}[attribute]
+    width = {"NORMAL": 3, "TANGENT": 4, "TEXCOORD_0": 2, "TEXCOORD_1": 2}[attribute]
     for count in (2, 3, 4):
         b = Builder()
         values = b.accessor(np.full((count, width), width**-0.5))

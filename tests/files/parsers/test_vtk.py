@@ -123,6 +123,12 @@ def test_cells_of_other_types_are_a_warning() -> None:
     assert warnings == ["1 of 3 cells are left out, of VTK's types 15"]
 
 
+@pytest.mark.parametrize("digits", [25, 26, 27, 28, 60, 5000])
+def test_numbers_of_any_length_are_read_whole(digits: int) -> None:
+    text = TWO_TETRAHEDRA.replace("0 0 0 1 0 0", f"0 0 0 1.{digits * '0'}e-03 0 0")
+    assert parse(text)[0][1].tolist() == [np.float32(0.001), 0, 0]
+
+
 def test_points_and_lines_draw_nothing() -> None:
     mixed = f"{HEAD}{POINTS}CELLS 3 10\n3 0 1 2\n2 0 1\n2 1 2\nCELL_TYPES 3\n5 3 3\n"
     assert parse(mixed)[1].tolist() == [[0, 1, 2]]

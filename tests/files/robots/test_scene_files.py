@@ -13,6 +13,7 @@ import pytest
 from gateway.files.assets.scene_file import SceneFileError
 from gateway.files.robots.reader import read_robot
 from gateway.files.robots.scene_files import SceneOptions, read_scene
+from gateway.scene.draw.flatten import flatten
 from gateway.scene.tree.geometry import Surface
 from renderers.encode import png_rgb
 from scenegate import MeshFile
@@ -20,6 +21,7 @@ from scenegate.robots.robot_errors import RobotFileError
 from tests.files.gltf.builder import Builder
 from tests.files.robots.files import ARM, TRIANGLE, link, visual, write
 from tests.support import forms
+from tests.support.bounds import scene_bounds
 
 REFUSED = re.escape(" (refused: --strict)")
 
@@ -80,6 +82,29 @@ def test_gltf_files_have_an_up_axis(tmp_path: Path) -> None:
     path = write(tmp_path, json.dumps(forms.gltf(generator="other")), "s.gltf")
     assert not np.array_equal(read_scene(path).root.matrix, np.eye(4))
     assert np.array_equal(read_scene(path, SceneOptions(up="z")).root.matrix, np.eye(4))
+
+
+def test_all_lengths_of_a_file_are_scaled(tmp_path: Path) -> None:
+    light = {"KHR_lights_punctual": {"lights": [{"type": "point", "range": 4.0}]}}
+    nodes = [
+        {"translation": [0, 0, 1000], "children": [1, 2], "extensions": {"KHR_lights_punctual": {"light": 0}}},
+        {"mesh": 0},
+        {"camera": 0},
+    ]
+    document = forms.gltf(generator="other", nodes=nodes, extensions=light)
+    path = write(tmp_path, json.dumps(document), "s.gltf")
+    scene, original = (read_scene(path, SceneOptions("z", scale)) for scale in (0.001, 1.0))
+    for scaled_values, values in (
+        (scene_bounds(flatten(scene.root)), scene_bounds(flatten(original.root))),
+        (scene.cameras[0].X_world_camera[:3, 3], original.cameras[0].X_world_camera[:3, 3]),
+        (scene.cameras[0].zfar, original.cameras[0].zfar),
+        (scene.lights[0].position, original.lights[0].position),
+        (scene.lights[0].range, original.lights[0].range),
+    ):
+        assert scaled_values is not None
+        assert values is not None
+        np.testing.assert_allclose(scaled_values, np.multiply(values, 0.001), atol=1e-9)
+    assert np.array_equal(scene.cameras[0].X_world_camera[:3, :3], original.cameras[0].X_world_camera[:3, :3])
 
 
 @pytest.mark.parametrize(

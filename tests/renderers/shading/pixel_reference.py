@@ -60,6 +60,8 @@ def reference_material(material: Material, look: str) -> Material:
             emissive_texture=as_in_vtk(material.emissive_texture),
             emissive=material.emissive if material.emissive_texture else (0.0, 0.0, 0.0),
         )
+    if look == "gltf":  # which has no ambient light
+        material = replace(material, occlusion_texture=None)
     if look == "plain":
         red, green, blue = srgb_values_from_linear(np.array(material.base_color[:3])).tolist()
         material = replace(material, base_color=(red, green, blue, material.base_color[3]))

@@ -193,6 +193,8 @@ def test_look_material() -> None:
     assert look_material(replace(vtk, vtk_export=False), "pbr").roughness == 1.0
     plain = look_material(FULL, "phong")
     assert (plain.normal_texture, plain.occlusion_texture, plain.emissive) == (None, None, (0.0, 0.0, 0.0))
+    assert look_material(FULL, "gltf").occlusion_texture is None
+    assert look_material(FULL, "studio").occlusion_texture is not None
     assert plain.base_color_texture is not None
     assert FULL.base_color_texture is not None
     assert plain.base_color_texture.image is FULL.base_color_texture.image

@@ -1,0 +1,158 @@
+"""Colours of vertices, points and faces in PLY and OBJ files, in the forms that programs and devices write."""
+
+from __future__ import annotations
+
+import struct
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from gateway.files.parsers.mesh import read_mesh
+from gateway.files.parsers.mesh_data import MeshData
+from tests.files.assets.mesh_files.files import png
+from tests.files.parsers.test_mesh import LIMITS, content
+
+COLORS = np.array([(220, 40, 0), (0, 200, 40), (40, 0, 255), (0, 0, 0), (255, 255, 255)], np.uint8)
+CORNERS = [(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0), (0, 0, 1)]
+FACES = [(0, 1, 2, 3), (0, 1, 4), (1, 2, 4)]
+KINDS: dict[str, tuple[str, Any]] = {
+    "uchar": ("B", COLORS),
+    "int": ("i", COLORS),
+    "ushort": ("H", 257 * COLORS.astype(int)),
+    "float": ("f", COLORS / 255),
+    "double": ("d", COLORS.astype(float)),
+}
+"""Type of a property: its code in ``struct``, and the values of ``COLORS`` (``double``: from 0 to 255)."""
+NAMES = [("red", "green", "blue"), ("diffuse_red", "diffuse_green", "diffuse_blue"), ("r", "g", "b"), ("R", "G", "B")]
+ENCODINGS = {"ascii": "ascii", "<": "binary_little_endian", ">": "binary_big_endian"}
+
+
+def ply(
+    order: str, names: tuple[str, ...], kind: str, colored: str, faces: list[tuple[int, ...]], before: str = "s t"
+) -> bytes:
+    """Return a PLY file.
+
+    Args:
+        order: a key of ``ENCODINGS``.
+        names: properties of colours of the type ``kind``.
+        colored: element that has colours.
+        before: float properties of vertices before the colours.
+    """
+    code, values = KINDS[kind]
+    extra, columns = before.split(), [f"property {kind} {name}" for name in names]
+    rows: list[list[tuple[str, Any]]] = []
+
+    def add(row: list[tuple[str, Any]], element: str, number: int) -> None:
+        rows.append(row + [(code, value) for value in values[number].tolist() if colored == element])
+
+    for number, corner in enumerate(CORNERS):
+        add([("f", value) for value in (*corner, *[0.25] * len(extra))], "vertex", number)
+    for number, face in enumerate(faces):
+        add([("B", len(face)), *(("i", index) for index in face)], "face", number)
+    header = [
+        "ply",
+        f"format {ENCODINGS[order]} 1.0",
+        f"element vertex {len(CORNERS)}",
+        *(f"property float {name}" for name in ("x", "y", "z", *extra)),
+        *(columns if colored == "vertex" else []),
+        f"element face {len(faces)}",
+        "property list uchar int vertex_indices",
+        *(columns if colored == "face" else []),
+        "end_header\n",
+    ]
+    if order == "ascii":
+        body = "".join(" ".join(f"{value:.9g}" for _, value in row) + "\n" for row in rows).encode()
+    else:
+        body = b"".join(struct.pack(order + "".join(c for c, _ in row), *(v for _, v in row)) for row in rows)
+    return "\n".join(header).encode() + body
+
+
+def colors_of(data: bytes | str, extension: str = "ply") -> tuple[NDArray[np.uint8], NDArray[np.float32]]:
+    """Return the colours of triangles' corners, (M, 3, 4), and their positions; of a cloud (N, 4) and (N, 3)."""
+    (shape,) = content(data, extension).shapes
+    assert shape.colors is not None
+    colors = np.frombuffer(shape.colors, np.uint8).reshape(-1, 4)
+    positions = np.frombuffer(shape.positions, np.float32).reshape(-1, 3)
+    if shape.triangles is None:
+        return colors, positions
+    triangles = np.frombuffer(shape.triangles, np.uint32).reshape(-1, 3)
+    return colors[triangles], positions[triangles]
+
+
+def check_vertices(colors: NDArray[np.uint8], positions: NDArray[np.float32]) -> None:
+    for color, (x, y, z) in zip(colors.reshape(-1, 4), positions.reshape(-1, 3).astype(int).tolist(), strict=True):
+        assert color.tolist() == [*COLORS[CORNERS.index((x, y, z))].tolist(), 255]
+
+
+@pytest.mark.parametrize("order", ENCODINGS)
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("names", NAMES)
+def test_colors_of_ply_vertices(order: str, kind: str, names: tuple[str, ...]) -> None:
+    for faces in ([], FACES[1:], FACES[:1], FACES):
+        for before in ("", "scan_size", "s t", "u v", "texture_u texture_v"):
+            check_vertices(*colors_of(ply(order, names, kind, "vertex", faces, before)))
+
+
+@pytest.mark.parametrize("order", ENCODINGS)
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("names", NAMES)
+def test_each_face_of_a_ply_has_its_own_color(order: str, kind: str, names: tuple[str, ...]) -> None:
+    for faces in (FACES[1:], FACES):
+        colors, positions = colors_of(ply(order, names, kind, "face", faces))
+        expected = np.repeat(COLORS[: len(faces)], [len(face) - 2 for face in faces], axis=0)
+        np.testing.assert_array_equal(colors[:, :, :3], np.repeat(expected[:, None], 3, axis=1))
+        fans = [(face[0], face[k], face[k + 1]) for face in faces for k in range(1, len(face) - 1)]
+        np.testing.assert_array_equal(positions, np.array(CORNERS, np.float32)[np.array(fans)])
+
+
+def test_faces_of_missing_vertices_are_left_out_with_their_color() -> None:
+    (shape,) = content(ply("<", NAMES[0], "uchar", "face", [(0, 1, 9), (1, 2, 4)]), "ply").shapes
+    assert np.frombuffer(shape.colors or b"", np.uint8).reshape(-1, 4)[:, :3].tolist() == [COLORS[1].tolist()] * 3
+
+
+def test_opacity_of_ply_vertices() -> None:
+    data = ply("<", (*NAMES[1], "alpha"), "uchar", "vertex", [])
+    header, end, body = data.partition(b"end_header\n")
+    rows = np.frombuffer(body, "5f, 3u1").tolist()
+    body = b"".join(struct.pack("<5f4B", *place, *color, 7) for place, color in rows)
+    assert {int(color[3]) for color in colors_of(header + end + body)[0]} == {7}
+
+
+@pytest.mark.parametrize(("texture", "is_colored"), [(None, True), (b"no image", True), (png((1, 2, 3)), False)])
+def test_only_a_texture_replaces_colors(texture: bytes | None, is_colored: bool) -> None:
+    def read_file(name: str) -> bytes:
+        if texture is None:
+            raise FileNotFoundError(name)
+        return texture
+
+    data = ply("<", NAMES[0], "uchar", "vertex", FACES).replace(b" 1.0\n", b" 1.0\ncomment TextureFile t.png\n", 1)
+    result = read_mesh(read_file, data, "ply", LIMITS)
+    assert isinstance(result, MeshData)
+    (shape,) = result.shapes
+    assert (shape.colors is not None, shape.image is None) == (is_colored, is_colored)
+
+
+def test_a_splat_has_a_hint() -> None:
+    warnings = content(ply("<", ("f_dc_0", "f_dc_1", "f_dc_2"), "float", "vertex", []), "ply").warnings
+    assert len(warnings) == 1
+    assert "splat" in warnings[0]
+
+
+@pytest.mark.parametrize("full", [1.0, 255.0, 65535.0])
+@pytest.mark.parametrize("library", ["", "mtllib missing.mtl\n"])
+@pytest.mark.parametrize("faces", ["", "f 1 2 3\nf 1 3 4\nf 1 2 5\n", "f 1/1 2/2 3/3\nf 1/3 3/2 4/1\nf 1/1 2/2 5/3\n"])
+def test_colors_of_obj_vertices(full: float, library: str, faces: str) -> None:
+    rows = zip(CORNERS, (COLORS / 255.0 * full).tolist(), strict=True)
+    text = library + "".join(f"v {' '.join(map(str, p))} {' '.join(f'{c:.6g}' for c in color)}\n" for p, color in rows)
+    check_vertices(*colors_of(f"{text}vt 0 0\nvt 1 0\nvt 1 1\n{faces}", "obj"))
+
+
+def test_the_material_of_an_obj_file_multiplies_its_colors() -> None:
+    text = "mtllib m.mtl\nusemtl m\nv 0 0 0 1 0 0\nv 1 0 0 0 1 0\nv 0 1 0 0 0 1\nf 1 2 3\n"
+    result = read_mesh(lambda name: b"newmtl m\nKd 0.5 0.5 0.5\n", text.encode(), "obj", LIMITS)
+    assert isinstance(result, MeshData)
+    (shape,) = result.shapes
+    assert shape.color == pytest.approx((128 / 255, 128 / 255, 128 / 255, 1), abs=1 / 255)
+    assert np.frombuffer(shape.colors or b"", np.uint8).reshape(-1, 4)[:, :3].tolist() == (255 * np.eye(3)).tolist()
