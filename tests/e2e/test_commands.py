@@ -74,7 +74,7 @@ def render(*arguments: str) -> Result:
 
 
 def render_triangle(folder: Path, *arguments: str) -> Result:
-    (folder / "scene.gltf").write_text(json.dumps(forms.gltf()))
+    (folder / "scene.gltf").write_text(json.dumps(forms.gltf(generator="Drake glTF merger")))
     return render(str(folder / "scene.gltf"), *arguments)
 
 

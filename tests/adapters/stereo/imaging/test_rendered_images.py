@@ -43,7 +43,7 @@ def demo() -> Capture:
 def recorded() -> Capture:
     """Return a robot arm posted by Drake, from 1.5 m."""
     scene = drake_scene("010_iiwa_wsg")
-    root = read_gltf(scene.request("depth").scene).root
+    root = read_gltf(scene.request("depth").scene, posted=True).root
     return Capture(0, flatten(root), 1, look_at((1.5, 0.9, 1.0), (0.0, 0.0, 0.5), UP), 0)
 
 
