@@ -171,7 +171,7 @@ async def _scene(context: Context) -> LiveTree | None:
         return None
     file = await read_scene_setting(settings.stereo_scene, settings)
     bounds = loose_bounds(flatten(file.root))
-    is_suspect = bounds is not None and (bounds[1] - bounds[0]).max() >= 3.0 * MIN_SUSPECT
+    is_suspect = bounds is not None and (bounds[1] - bounds[0]).max() >= 10.0 * MIN_SUSPECT
     hints = (scale_hint(bounds),) if bounds is not None and is_suspect else ()
     context.registry.warn("stereo", settings.stereo_scene, *file.warnings, *hints)
     tree = LiveTree()
