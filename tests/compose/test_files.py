@@ -23,6 +23,7 @@ def run(*command: str) -> subprocess.CompletedProcess[str]:
 
 
 @pytest.mark.parametrize("compose", ["docker compose", "docker-compose", "podman-compose"])
+@pytest.mark.slow
 def test_compose_reads_every_profile(compose: str) -> None:
     command = compose.split()
     if shutil.which(command[0]) is None or run(*command, "version").returncode:

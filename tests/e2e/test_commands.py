@@ -78,6 +78,7 @@ def render_triangle(folder: Path, *arguments: str) -> Result:
     return render(str(folder / "scene.gltf"), *arguments)
 
 
+@pytest.mark.slow
 def test_render_uses_the_camera_of_the_file(tmp_path: Path) -> None:
     out = tmp_path / "new" / "out.png"
     (tmp_path / "scene.gltf").write_text(json.dumps(forms.gltf()))

@@ -65,6 +65,7 @@ class Page:
         return None if pose is None else (pose[2][0] if len(pose[2]) == 7 else pose[2][12])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", range(3))
 async def test_pages_that_seek(seed: int, tmp_path: Path) -> None:
     """Clouds are decoded again at each seek, so that a revision has different meshes at different times."""

@@ -157,6 +157,7 @@ def wait_for_repetition(node: Any) -> None:
     tf.wait_for(lambda message: any(each.child_frame_id == "scene/demo/table" for each in message.transforms), count=2)
 
 
+@pytest.mark.slow
 def test_new_subscribers_get_all_markers(gateway: dict[str, str], start: Start) -> None:
     node = start(**gateway)
     node.topics["/tf"].subscribers += 1
@@ -173,6 +174,7 @@ def test_new_subscribers_get_all_markers(gateway: dict[str, str], start: Start) 
         wait_for_repetition(node)  # and so for a look at the number of subscribers, which is 0
 
 
+@pytest.mark.slow
 def test_the_clock_is_that_of_the_images(start: Start) -> None:
     (grpc_port,) = free_ports(1)
     flags = ("--demo", "--clock", "simulated", "--grpc-port", str(grpc_port), "--tcpq-port", "0", "--lcm-url", "off")
@@ -240,6 +242,7 @@ def test_the_scene_has_the_time_of_another_clock(
     assert {stamp(each) for each in message.transforms} == {7_000_000_005}
 
 
+@pytest.mark.slow
 def test_a_gateway_with_tls_and_a_token(start: Start, tmp_path: Path) -> None:
     pem, key = certificate(tmp_path)
     tokens = tmp_path / "tokens"

@@ -83,6 +83,7 @@ def test_rest_port_requires_the_token(secured: Secured) -> None:
         assert http.get(url, headers=BEARER).status_code == 200
 
 
+@pytest.mark.slow
 async def test_browser_view_works_with_a_token(secured: Secured) -> None:
     with secured.http() as http:
         assert http.get(f"/view?token={TOKEN}").status_code == 303

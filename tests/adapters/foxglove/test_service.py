@@ -222,6 +222,7 @@ async def test_the_camera_is_left_at_once_without_images() -> None:
         await until(lambda: not hub.kinds)
 
 
+@pytest.mark.slow
 async def test_a_client_that_does_not_read_delays_no_other(start: Start) -> None:
     camera = (await start(rate="max")).service
     topic = "/stereo/left/image_rect"

@@ -91,6 +91,7 @@ def test_more_lights_move_nothing_else(write: Write) -> None:
     assert choices(before).light != choices(after).light
 
 
+@pytest.mark.slow
 def test_two_processes_make_the_same_scene(write: Write) -> None:
     pytest.importorskip("mujoco")
     path = write(DROP)

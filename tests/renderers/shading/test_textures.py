@@ -235,7 +235,11 @@ def test_ramps_of_any_length(upright: bool, length: int, wrap: Wrap) -> None:
     assert np.abs(row - expected).max() <= 1.5
 
 
-@pytest.mark.parametrize("size", [(256, 256), (64, 512), (230, 100)], ids=["minified", "anisotropic", "fractions"])
+@pytest.mark.parametrize(
+    "size",
+    [pytest.param((256, 256), marks=pytest.mark.slow), (64, 512), (230, 100)],
+    ids=["minified", "anisotropic", "fractions"],
+)
 def test_the_area_filter_averages_the_light_of_each_pixel(size: tuple[int, int]) -> None:
     """The footprint is sharper than that of trilinear filters, and so is the image."""
     cells = np.random.default_rng(5).integers(0, 2, (17, 17)).astype(np.uint8) * 255

@@ -96,7 +96,11 @@ def test_memory_is_limited_and_counted_anew() -> None:
     assert not caught.value.timed_out
 
 
-@pytest.mark.parametrize("name", ["compute", "hang", "read_repeatedly", "stop_within_a_message", "read_and_stop"])
+BLOCKING = ("hang", "read_repeatedly", "stop_within_a_message", "read_and_stop")
+"""Calls that wait; their limit is three seconds longer than that of computing ones."""
+
+
+@pytest.mark.parametrize("name", ["compute", *(pytest.param(each, marks=pytest.mark.slow) for each in BLOCKING)])
 def test_time_is_limited(name: str) -> None:
     with pytest.raises(ProcessFailed, match="it took longer than 1 s of CPU time") as caught:
         call(name, limits=ProcessLimits(1 << 30, 1), read_file=lambda name: bytes(8 << 20))
