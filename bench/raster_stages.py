@@ -9,17 +9,21 @@ the frame as it is drawn, in one call; what is beside the phases is Python and t
 from __future__ import annotations
 
 import argparse
+import ctypes
 import time
 from collections import defaultdict
 from collections.abc import Callable
+from types import SimpleNamespace
 from unittest.mock import patch
 
-from bench.frame_task import read_frame
+import numpy as np
+
 from bench.raster import EVERYTHING, SIZES, scenes, view
 from gateway.runtime.workers.process_tuning import tune
 from renderers.interface import Look
 from renderers.raster import CpuRenderer, frame, warmup
 from renderers.raster.coverage import draw_band
+from renderers.raster.layout import RasterFrame
 from renderers.raster.resolve import resolve_band
 from renderers.raster.setup import setup
 from renderers.raster.transform import transform
@@ -27,6 +31,13 @@ from renderers.shading.headlight.shade_rows import shade_rows
 from renderers.visibility_buffer import BAND_ROWS
 
 PHASES = ("transform", "setup", "draw", "shade", "back faces", "resolve", "whole")
+
+
+def read_frame(address: int) -> SimpleNamespace:
+    """Return the fields of the RasterFrame at an address."""
+    memory = (ctypes.c_char * RasterFrame.nbytes).from_address(address)
+    frame = np.frombuffer(bytes(memory), RasterFrame.dtype)[0]
+    return SimpleNamespace(**{name: frame[name].tolist() for name in RasterFrame.dtype.names or ()})
 
 
 def laps(spent: dict[str, float]) -> Callable[[str], None]:

@@ -8,42 +8,29 @@ read back, in turn: VTK's physically based shading, VTK with 8 samples and llvmp
 against ours with the same number of samples. Each peer is a process of its own (``raster_peer.py``); PYTHON is an
 interpreter that has vtk, moderngl runs in this one. Figures are medians in ms, wall and CPU of all threads; ``ratio``
 is theirs over ours, wall/CPU.
-
-``--part stages``: where the CPU time of one thread goes in frames with several samples, every stage called by itself;
-``around`` is what one thread does before and after, whatever the others do; the first quartile over the frames, ms.
 """
 
 from __future__ import annotations
 
 import argparse
-import itertools
 import sys
 import tempfile
-import time
-from collections import defaultdict
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import Any, Literal
-from unittest.mock import patch
+from typing import Any
 
 import numpy as np
 
-from bench.frame_task import read_frame
 from bench.raster import SIZES, Process, scenes, view, write
-from bench.raster_stages import laps
 from bench.table import Row, at_least, show, skipped
-from bench.turns import WARM, Time, in_turns, median, timed
+from bench.turns import Time, in_turns, median, timed
 from gateway.runtime.workers.process_tuning import tune
 from renderers.camera import Camera
 from renderers.drawlist import AlphaMode, DrawList, Instance, Light, LightKind, Material, Sampler, Texture
 from renderers.interface import Look, Output
 from renderers.light_rig import STUDIO, Rig
-from renderers.raster import CpuRenderer, frame, warmup
-from renderers.raster.msaa.edges import draw_samples, find_edges, shade_mixed
-from renderers.raster.setup import setup
-from renderers.raster.transform import transform
-from renderers.visibility_buffer import BAND_ROWS
+from renderers.raster import CpuRenderer, warmup
 from tools.pictures.gallery import checks, dents, sphere
 
 FRAMES = 11
@@ -152,64 +139,15 @@ def frames(threads: int, python: str | None, count: int) -> list[Row]:
     return rows
 
 
-SAMPLES: tuple[Literal[4, 8], ...] = (4, 8)
-STAGES = ("transform", "setup", "draw_samples", "find_edges", "shade_mixed", "around")
-
-
-def by_stage(address: int, _: bool, spent: dict[str, float]) -> None:
-    """Run the stages of a multisampled frame one by one; add the CPU time (s) of each to ``spent``."""
-    frame = read_frame(address)
-    memory = frame.band_memory
-    note = laps(spent)
-    transform(address, 0, frame.vertex_count)
-    note("transform")
-    setup(address, 0, frame.chunk_count)
-    note("setup")
-    for band in range(frame.units[2]):
-        first = band * BAND_ROWS
-        last = min(first + BAND_ROWS, frame.height)
-        draw_samples(address, first, last, memory)
-        note("draw_samples")
-        find_edges(address, first, last, memory)
-        note("find_edges")
-        shade_mixed(frame.shade_job, memory, frame.stride, first, last)
-        note("shade_mixed")
-
-
-def stages(count: int) -> None:
-    """Print the CPU time of each stage of multisampled frames."""
-    drawer = CpuRenderer(1)
-    print(f"{'one thread, ms CPU':30}" + "".join(f"{name:>14}" for name in (*STAGES, "whole")))
-    for name, scene in scenes().items():
-        for (width, height), samples in itertools.product(SIZES, SAMPLES):
-            look = Look("phong", samples=samples)
-            times: dict[str, list[float]] = defaultdict(list)
-            for number in range(count + WARM):
-                spent: dict[str, float] = defaultdict(float)
-                camera, start = view(width, height, number), time.thread_time()
-                with patch.object(frame, "run_phases", partial(by_stage, spent=spent)):
-                    drawer.render(scene, camera, Output.COLOR, look)
-                spent["around"] = time.thread_time() - start - sum(spent.values())
-                start = time.thread_time()
-                drawer.render(scene, view(width, height, number), Output.COLOR, look)
-                spent["whole"] = time.thread_time() - start
-                for stage, value in spent.items():
-                    times[stage].append(value)
-            cells = "".join(f"{1e3 * sorted(values[WARM:])[count // 4]:14.3f}" for values in times.values())
-            print(f"{f'{name}, {width}x{height}, {samples} samples':30}" + cells, flush=True)
-
-
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--peers", help="a Python that has vtk")
     parser.add_argument("--threads", type=int, default=2, help="ours; llvmpipe takes what LP_NUM_THREADS says, or all")
     parser.add_argument("--frames", type=int, default=FRAMES)
-    parser.add_argument("--part", choices=("features", "frames", "stages"), help="only this one")
+    parser.add_argument("--part", choices=("features", "frames"), help="only this one")
     options = parser.parse_args()
     tune()  # malloc as in a server: without, frames of eight samples take up to four times as long
     warmup()
-    if options.part == "stages":
-        stages(options.frames)
     if options.part in (None, "features"):
         features()
     if options.part in (None, "frames"):
