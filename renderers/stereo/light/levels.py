@@ -18,11 +18,11 @@ class LightLevels:
 
     lamp: float = 0.5
     """Lamp at the camera, a point: its light on a surface that faces it 1.5 m away."""
-    sky: float = 1.0
+    sky: float = 0.75
     """Light of the sky on a surface that faces up."""
-    ground: float = 0.5
+    ground: float = 0.55
     """Light from below, or from the walls of a room, on a surface that faces down."""
-    key: float = 1.6
+    key: float = 1.2
     """Key light of the realism part ``shadows``, which replaces the lamp, on a surface that faces it."""
     scene: float = 1.0
     """Factor of the scene's lights; see ``scene_light.camera_light``."""
