@@ -114,7 +114,8 @@ class CpuRenderer:
         prepared = prepare(scene)
         frame, addresses = _allocate(outputs.value, camera.height, camera.width)
         if Output.LAMP_SHARE in outputs:
-            frame.lamp_share = np.ones((camera.height, camera.width + LANES), np.float32)
+            fill = np.zeros if look.name == "gltf" else np.ones  # only this look writes it
+            frame.lamp_share = fill((camera.height, camera.width + LANES), np.float32)
         call = _Call(scene, prepared, camera, look, frame, addresses)
         if frame.color is None:
             self._draw_geometry(call)

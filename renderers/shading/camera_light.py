@@ -18,7 +18,7 @@ from renderers.compiler.pointers import address, address_of
 from renderers.compiler.simd import F32x8, F32x8x3
 from renderers.compiler.structs import Struct, inline
 from renderers.light_rig import CameraLight
-from renderers.shading.brdf import schlick, vtk_specular
+from renderers.shading.brdf import vtk_specular
 from renderers.shading.layout import STRIDE, Segment
 from renderers.shading.material import unoccluded_share
 from renderers.shading.studio.layout import StudioLight
@@ -30,6 +30,9 @@ REFERENCE_DISTANCE: Final = 1.5
 """Distance at which lamp and projector have the light that they are configured with, metres."""
 MAX_FALLOFF: Final = 4.0
 """Maximum factor by which surfaces nearer to a lamp or projector are brighter: that at half ``REFERENCE_DISTANCE``."""
+
+MIN_AMBIENT: Final = 0.01
+"""Minimum light of sky and ground: added light could not be seen on black pixels."""
 
 
 class CameraLightInputs(Struct):
@@ -70,8 +73,9 @@ def _lamp(light: CameraLightInputs, point: F32x8x3) -> tuple[F32x8x3, F32x8]:
     """Return unit vectors from points to the lamp, and its light on surfaces that face it."""
     to_lamp = minus(broadcast3(light.position, 0), point)
     distance_squared = vec.maximum(dot(to_lamp, to_lamp), vec.f32(1e-12))
-    falloff = vec.minimum(vec.f32(REFERENCE_DISTANCE**2) / distance_squared, vec.f32(MAX_FALLOFF))
-    return times(to_lamp, vec.f32(1.0) / vec.sqrt(distance_squared)), vec.f32(light.lamp) * falloff
+    inv_distance = vec.f32(1.0) / vec.sqrt(distance_squared)
+    falloff = vec.minimum(vec.f32(REFERENCE_DISTANCE**2) * inv_distance * inv_distance, vec.f32(MAX_FALLOFF))
+    return times(to_lamp, inv_distance), vec.f32(light.lamp) * falloff
 
 
 @inlined
@@ -113,7 +117,7 @@ def light_pixels(light: CameraLightInputs, segment: Segment, count: I64, lamp_sh
     """Write the light on the segment's first ``count`` pixels, after ``sample_maps`` and ``apply_normal_map``.
 
     Rows ``normal`` become those that ``vtk_reflected`` reads for the lamp: its light times n . l, its light times the
-    specular term, and Schlick's factor. The first three rows ``texel`` become all other light, RGB.
+    specular term, and Schlick's factor, which is 0. The first three rows ``texel`` become all other light, RGB.
 
     Args:
         lamp_share: pointer to the pixels' values of ``Frame.lamp_share``; null: not wanted.
@@ -135,6 +139,9 @@ def light_pixels(light: CameraLightInputs, segment: Segment, count: I64, lamp_sh
         if address(lamp_share) != 0:
             cosine = vec.maximum(cosine, vec.f32(0.0))
             total = lamp * cosine + ambient + (red + green + blue) * vec.f32(1.0 / 3.0)
-            vec.store(lamp_share, x, cosine / total)
-        store3(pixels.normal, x, STRIDE, (n_l * lamp, specular * lamp, schlick(v_l)))
+            # Limited, and not NaN: the last store overruns into what may be the background.
+            share = vec.minimum(vec.maximum(cosine / total, vec.f32(0.0)), vec.f32(1.0 / MIN_AMBIENT))
+            vec.store(lamp_share, x, share)
+        # Schlick's (1 - h . l)^5 is below 1e-8 for a lamp that is 8 cm beside the camera and 0.3 m from the surface.
+        store3(pixels.normal, x, STRIDE, (n_l * lamp, specular * lamp, vec.f32(0.0)))
         store3(pixels.texel, x, STRIDE, (red + ambient, green + ambient, blue + ambient))

@@ -16,13 +16,13 @@ class LightLevels:
     The unit is the light under which the look ``gltf`` shows a surface that faces the camera.
     """
 
-    lamp: float = 0.5
+    lamp: float = 0.6
     """Lamp at the camera, a point: its light on a surface that faces it 1.5 m away."""
-    sky: float = 0.75
+    sky: float = 1.6
     """Light of the sky on a surface that faces up."""
-    ground: float = 0.55
+    ground: float = 1.25
     """Light from below, or from the walls of a room, on a surface that faces down."""
-    key: float = 1.2
+    key: float = 2.4
     """Key light of the realism part ``shadows``, which replaces the lamp, on a surface that faces it."""
     scene: float = 1.0
     """Factor of the scene's lights; see ``scene_light.camera_light``."""

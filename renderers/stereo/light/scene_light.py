@@ -19,11 +19,9 @@ from renderers.compiler.kernel_types import F64, I64, Address
 from renderers.compiler.pointers import address_of, f32_at
 from renderers.drawlist import Light, LightKind
 from renderers.light_rig import CameraLight
-from renderers.shading.camera_light import CameraLightInputs, CameraLightJob, total_light
+from renderers.shading.camera_light import MIN_AMBIENT, CameraLightInputs, CameraLightJob, total_light
 from renderers.stereo.light.levels import LightLevels
 
-MIN_AMBIENT: Final = 0.01
-"""Minimum light of sky and ground: added light could not be seen on black pixels."""
 _MIN_DISTANCE: Final = 1.0
 """Distance below which lights are not dimmed any further, metres."""
 
