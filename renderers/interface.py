@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from renderers.camera import Camera
 from renderers.drawlist import DrawList
-from renderers.light_rig import STUDIO, Rig
+from renderers.light_rig import STUDIO, CameraLight, Rig
 
 LookName = Literal["phong", "pbr", "gltf", "plain", "studio"]
 SampleCount = Literal[1, 4, 8]
@@ -27,6 +27,7 @@ class Output(Flag):
     LABEL = auto()
     INSTANCE = auto()
     NORMAL = auto()
+    LAMP_SHARE = auto()
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,6 +54,8 @@ class Look:
     """Samples per pixel of the colour image. The other outputs always have one, since their values cannot be mixed."""
     rig: Rig = STUDIO
     """Lights of the look ``studio``. The other looks have one headlight."""
+    camera_light: CameraLight | None = None
+    """Light of a camera's images in the look ``gltf``; None: the headlight along the optical axis."""
     alpha_threshold: float = 0.0
     """Alpha from 0 to 1 below which blended surfaces are left out of the outputs other than colour, except in the looks
     of RenderEngineVtk. 0: none are left out, however transparent."""
@@ -75,6 +78,9 @@ class Frame:
     """(H, W) int32, instance_id; -1 without a surface."""
     normal: NDArray[np.float32] | None = None
     """(H, W, 3) float32, unit normal in the camera's optical frame, facing the camera; 0 without a surface."""
+    lamp_share: NDArray[np.float32] | None = None
+    """(H, W + 8) float32, cosine of the lamp of ``Look.camera_light`` divided by all its light, of opaque surfaces; 1
+    on unlit ones and in other looks, about 0 on the background. Needs a colour image with one sample per pixel."""
 
 
 class Renderer(Protocol):

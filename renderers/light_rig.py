@@ -91,6 +91,25 @@ class Rig:
             raise ValueError(f"shadow_radius must be 0 .. 8 texels, not {self.shadow_radius}")
 
 
+@dataclass(frozen=True, slots=True)
+class CameraLight:
+    """Light of a camera's images, in place of the headlight along the optical axis. Its parts add up.
+
+    The unit is the light of the look ``gltf`` on a surface that faces the camera.
+    """
+
+    position: Vector3
+    """Place of the camera's lamp, a point, in the world frame, metres."""
+    lamp: float
+    """Light of the lamp on a surface that faces it 1.5 m away."""
+    sky: float
+    """Light of the sky on a surface that faces up."""
+    ground: float
+    """Light from below on a surface that faces down."""
+    lights: tuple[Light, ...] = ()
+    """Further lights, without shadows. An illuminance of 1 lux is the light 1."""
+
+
 def _normalized(x: float, y: float, z: float) -> Vector3:
     length = (x * x + y * y + z * z) ** 0.5
     return x / length, y / length, z / length

@@ -25,6 +25,7 @@ from gateway.adapters.stereo.routes.truth_routes import truth_router
 from gateway.adapters.stereo.service import StereoService
 from gateway.adapters.stereo.stream.set_kind import SetKind
 from gateway.adapters.viewer.sources import ImageName, StereoImages, StereoRig
+from gateway.files.assets.light_rig_file import rig_of
 from gateway.runtime.http.error_handlers import invalid_parameters
 from gateway.runtime.http.http_server import PortService
 from gateway.runtime.http.middleware import EarlyResponse, HeadAsGet
@@ -40,6 +41,8 @@ from gateway.wiring.context import Context
 from gateway.wiring.provided import Provided, StereoCamera
 from gateway.wiring.scene_setting import read_scene_setting
 from gateway.wiring.telemetry import NO_TELEMETRY
+from renderers.drawlist import Light
+from renderers.light_rig import Rig
 from renderers.stereo.depth.depth_images import DepthImages
 from renderers.stereo.model import DISPARITY_SCALE
 from renderers.stereo.realism import REALISM_PARTS, RealismPart
@@ -54,10 +57,12 @@ async def setup(context: Context, provided: Provided) -> Provided:
     """Serve every camera's image stream over gRPC, the device's REST interface, ground truth and fault injection."""
     settings = context.settings
     configs, mounts = await asyncio.to_thread(_cameras, settings)
-    scene = await _scene(context)
+    scene, lights = await _scene(context)
     projectors: dict[SceneView, ProjectorSource] = {}
     cameras = [
-        _start_camera(context, number, replace(config, tokens=context.security.grpc), mount, scene, projectors)
+        _start_camera(
+            context, number, replace(config, tokens=context.security.grpc, lights=lights), mount, scene, projectors
+        )
         for number, (config, mount) in enumerate(zip(configs, mounts, strict=True))
     ]
     services = [camera.service for camera in cameras]
@@ -164,11 +169,16 @@ def _figures(service: StereoService, view: SceneView) -> dict[str, Any]:
     return values
 
 
-async def _scene(context: Context) -> LiveTree | None:
-    """Return the scene of ``--stereo-scene``; None if that is the live tree."""
+async def _scene(context: Context) -> tuple[LiveTree | None, tuple[Light, ...]]:
+    """Return the scene of ``--stereo-scene``, None for the live tree, and the lights of its file or of ``--rig``.
+
+    Raises:
+        RigFileError: ``--rig`` cannot be read.
+    """
     settings = context.settings
+    rig = Rig() if settings.rig is None else await asyncio.to_thread(rig_of, settings.rig)
     if settings.stereo_scene == "live":
-        return None
+        return None, rig.lights
     file = await read_scene_setting(settings.stereo_scene, settings)
     bounds = loose_bounds(flatten(file.root))
     is_suspect = bounds is not None and (bounds[1] - bounds[0]).max() >= 10.0 * MIN_SUSPECT
@@ -177,7 +187,7 @@ async def _scene(context: Context) -> LiveTree | None:
     tree = LiveTree()
     with tree.edit() as edit:
         edit.set_subtree((), file.root)
-    return tree
+    return tree, file.lights if file.lights and rig.scene_lights else rig.lights
 
 
 def config_of(settings: Settings, number: int = 0, camera: MountedCamera | None = None) -> StereoConfig:
@@ -195,12 +205,14 @@ def config_of(settings: Settings, number: int = 0, camera: MountedCamera | None 
     if settings.grpc_certificate is not None and settings.grpc_key is not None:
         tls = Tls(settings.grpc_certificate, settings.grpc_key, settings.grpc_client_ca)
     profile = read_profile((camera and camera.profile) or settings.stereo_profile)
+    profile_config = StereoConfig.of_profile(profile)
     return replace(
-        StereoConfig.of_profile(profile),
+        profile_config,
         name=(camera and camera.name) or (f"stereo{number}" if number else "stereo"),
         host=settings.host,
         port=settings.grpc_port + number if settings.grpc_port else 0,
         tls=tls,
+        dot_light=profile_config.dot_light * settings.stereo_light.projector,
         depth_mode=settings.depth_mode or profile.depth.mode,
         rate=settings.stereo_rate,
         simulated_clock=settings.clock == "simulated",
@@ -210,6 +222,7 @@ def config_of(settings: Settings, number: int = 0, camera: MountedCamera | None 
         alpha_threshold=settings.alpha_threshold,
         faults=settings.stereo_faults,
         realism=realism_of(settings),
+        light=settings.stereo_light,
     )
 
 

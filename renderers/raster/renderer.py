@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from renderers.cache import WeakCache
 from renderers.camera import Camera
 from renderers.compiler.pointers import address_of, aligned
+from renderers.compiler.simd import LANES
 from renderers.drawlist import DrawList
 from renderers.interface import VTK_LOOKS, Frame, Look, LookName, Output
 from renderers.raster.frame import FrameJob
@@ -112,6 +113,9 @@ class CpuRenderer:
             raise ValueError(f"camera size {camera.width}x{camera.height} is larger than {MAX_SIDE}x{MAX_SIDE}")
         prepared = prepare(scene)
         frame, addresses = _allocate(outputs.value, camera.height, camera.width)
+        if Output.LAMP_SHARE in outputs:
+            fill = np.zeros if look.name == "gltf" else np.ones  # only this look writes it
+            frame.lamp_share = fill((camera.height, camera.width + LANES), np.float32)
         call = _Call(scene, prepared, camera, look, frame, addresses)
         if frame.color is None:
             self._draw_geometry(call)
@@ -218,7 +222,7 @@ class CpuRenderer:
         else:
             if has_geometry:
                 self._draw_geometry(call)
-            paint(self, scene, shading, camera, look, color)
+            paint(self, scene, shading, camera, look, color, call.frame.lamp_share)
 
     def _draw_opaque(self, call: _Call, shading: ShadingScene, has_geometry: bool) -> None:
         """Fill the colour output of an opaque scene and, with one sample per pixel, the geometry outputs.
@@ -247,6 +251,7 @@ class CpuRenderer:
             X_camera_mesh=job.poses_address,
             stride=job.stride,
             color=call.addresses[0],
+            lamp_share=call.frame.lamp_share if look.samples == 1 else None,
         )
         if look.samples == 1:
             self._threads.share(job.task(shading_job.address))

@@ -85,7 +85,7 @@ def interpolate(segment: Segment, begin: I64, end: I64) -> None:
     """
     spans, pixels, start_bits, columns = segment.spans, segment.pixels, segment.start_bits, segment.columns
     attributes, span_offsets = segment.attributes, segment.job.span_offsets
-    has_gradients, has_surface = segment.material.has_gradients != 0, segment.material.has_surface != 0
+    has_gradients, has_points = segment.material.has_gradients != 0, segment.job.has_points != 0
     at = i64(0)
     for x in range(begin, end, vec.LANES):
         pixel = x - begin  # in the part, as in _store_gradient
@@ -101,7 +101,7 @@ def interpolate(segment: Segment, begin: I64, end: I64) -> None:
             _along_span(spans.normal, 2, 3, at, offsets, t),
         )
         store3(pixels.normal, pixel, STRIDE, normal)
-        if attributes & _OTHER_ATTRIBUTES or has_surface:
+        if attributes & _OTHER_ATTRIBUTES or has_points:
             weight_sum = _along_span(spans.weight_sum, 0, 1, at, offsets, t)
             inv_weight_sum = vec.f32(1.0) / weight_sum
             for uv_set in range(2):
@@ -120,7 +120,7 @@ def interpolate(segment: Segment, begin: I64, end: I64) -> None:
                 vec.store(pixels.facing, pixel, _span_values(spans.facing, 0, at, offsets))
                 for k in range(4):
                     vec.store(pixels.tangent, k * STRIDE + pixel, _along_span(spans.tangent, k, 4, at, offsets, t))
-            if has_surface:
+            if has_points:
                 _store_surface(segment, column, pixel, at, offsets, weight_sum)
         at += vec.count_bits(starts)
     for uv_set in range(2):  # sets that the material reads and the mesh lacks
@@ -155,7 +155,7 @@ def _store_gradient(
 
 @device_function
 def _store_surface(segment: Segment, columns: F32x8, pixel: I64, at: I64, offsets: I32x8, weight_sum: F32x8) -> None:
-    """Store ``flat_normal`` and ``point`` of eight pixels.
+    """Store ``point`` of eight pixels, and ``flat_normal`` if it is read.
 
     Args:
         columns: image columns of the pixels.
@@ -168,5 +168,6 @@ def _store_surface(segment: Segment, columns: F32x8, pixel: I64, at: I64, offset
     x = (columns + vec.f32(0.5 - job.cx)) * vec.f32(1.0 / job.fx) * z
     y = vec.f32((segment.y + 0.5 - job.cy) / job.fy) * z
     store3(pixels.point, pixel, STRIDE, (x, y, z))
-    for k in range(3):
-        vec.store(pixels.flat_normal, k * STRIDE + pixel, _span_values(spans.flat_normal, k, at, offsets))
+    if job.has_flat_normals != 0:
+        for k in range(3):
+            vec.store(pixels.flat_normal, k * STRIDE + pixel, _span_values(spans.flat_normal, k, at, offsets))

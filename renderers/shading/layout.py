@@ -65,7 +65,6 @@ class ShadingMaterial(Struct):
     vertex_colors: I64  # COLORS_ constant of materials
     uv_sets: I64  # bit 0: a texture reads uv0; bit 1: a texture reads uv1
     has_gradients: I64  # 1: shading reads uv_gradient
-    has_surface: I64  # 1: shading reads positions and flat normals
     # Indices of TEXTUREs; -1: none.
     base_color_texture: I64
     metallic_roughness_texture: I64
@@ -114,6 +113,8 @@ class ShadingInputs(Struct):
     cx: F64
     cy: F64
     area_filter: I64  # 1: Look.area_filter
+    has_points: I64  # 1: shading reads positions
+    has_flat_normals: I64  # 1: shading reads flat normals, and positions
     # Tables of ShadingScene.
     instances: ShadingInstance
     materials: ShadingMaterial
@@ -147,9 +148,10 @@ class Spans(Struct):
     uv: Pointer[F32] = _spans(2 * UV_SET_ROWS)  # of the set uv0, then of uv1
     color: Pointer[F32] = _spans(4 + 4)
     tangent: Pointer[F32] = _spans(4 + 4)  # optical frame, and the sign of the bitangent
-    # Filled only if the ShadingMaterial has has_surface:
-    depth: Pointer[F32] = _spans(1)  # depth in metres times the sum of the weights: constant along a span
-    flat_normal: Pointer[F32] = _spans(3)  # unit normal of the triangle, towards the camera
+    # Filled only if ShadingInputs has has_points: depth in metres times the sum of the weights, constant along a span.
+    depth: Pointer[F32] = _spans(1)
+    # Filled only if it has has_flat_normals: unit normal of the triangle, towards the camera.
+    flat_normal: Pointer[F32] = _spans(3)
     # Filled only if the ShadingMaterial has has_gradients. The first half of the rows holds the changes of the sums per
     # column of the image, the second half those per row.
     weight_sum_gradient: Pointer[F32] = _spans(1 + 1)
@@ -166,9 +168,10 @@ class ShadedPixels(Struct):
     tangent: Pointer[F32] = _pixels(4)  # optical frame, any length; sign of the bitangent
     # Filled only if the ShadingMaterial has has_gradients:
     uv_gradient: Pointer[F32] = _pixels(2 * 4)  # of uv0, then of uv1: du/dx, dv/dx, du/dy, dv/dy per pixel of the image
-    # Filled only if it has has_surface:
-    flat_normal: Pointer[F32] = _pixels(3)  # unit normal of the triangle, towards the camera
-    point: Pointer[F32] = _pixels(3)  # the visible point in the optical frame, metres
+    # Filled only if ShadingInputs has has_flat_normals: unit normal of the triangle, towards the camera.
+    flat_normal: Pointer[F32] = _pixels(3)
+    # Filled only if it has has_points: the visible point in the optical frame, metres.
+    point: Pointer[F32] = _pixels(3)
     # Filled by ``material``:
     base_color: Pointer[F32] = _pixels(4)  # and alpha
     metallic_roughness: Pointer[F32] = _pixels(4)  # texture: roughness is the second channel, metallic the third

@@ -225,4 +225,4 @@ def material_values(material: Material, look: LookName, lit: bool, textures: Tex
         "specular": adapted.specular,
         "specular_color": adapted.specular_color,
     }
-    return {**values, "uv_sets": uv_sets, "has_gradients": has_gradients, "has_surface": look == "studio"}
+    return {**values, "uv_sets": uv_sets, "has_gradients": has_gradients}

@@ -148,11 +148,11 @@ def _set_up_eight(segment: Segment, span: I64, count: I64, at: I64) -> bool:
     has_constant_normals = True
     if attributes & HAS_NORMALS:
         has_constant_normals = _store_normals(segment, at, along_span, corners, facing)
-    if not attributes & HAS_NORMALS or material.has_surface != 0:
+    if not attributes & HAS_NORMALS or segment.job.has_flat_normals != 0:
         _store_flat_normals(segment, at, p0, p1, p2, sign)
     if attributes & HAS_UV0:
         _store_attributes(advance(spans.uv, at), 2, along_span, corners, V_UV0)
-    if material.has_surface != 0:
+    if segment.job.has_points != 0:
         vec.store(spans.depth, at, vec.to_f32(vec.absolute(determinant) * scale))
     if material.has_gradients != 0:
         _store_gradients(segment, at, weights, corners)

@@ -7,7 +7,7 @@ from typing import Final, Literal, get_args
 RealismPart = Literal["shadows", "lens-blur", "vignetting", "fixed-pattern", "motion-blur", "projector"]
 """Name of a part:
 
-- ``shadows``: a key light with soft shadows and light from the sky, in place of the headlight.
+- ``shadows``: a key light with soft shadows, in place of the lamp at the camera.
 - ``lens-blur``: point spread of lens and pixel.
 - ``vignetting``: less light towards the corners.
 - ``fixed-pattern``: offset and gain that differ between the sensor's pixels and columns.

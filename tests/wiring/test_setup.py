@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import json
 from collections.abc import AsyncIterator
 from dataclasses import replace
 from pathlib import Path
@@ -37,6 +38,7 @@ from gateway.wiring.interfaces import enabled_interfaces
 from gateway.wiring.provided import Provided, StereoCamera
 from renderers.drawlist import Material
 from renderers.raster import CpuRenderer
+from renderers.stereo.light.levels import LightLevels
 from renderers.stereo.model import StereoModel
 from scenegate.messages.geometry import Box
 from tests.support.waiting import until
@@ -196,6 +198,7 @@ def test_configuration_of_the_stereo_camera(tmp_path: Path) -> None:
             stereo_profile="rc_visard_65m",
             background=(1, 2, 3),
             stereo_faults=True,
+            stereo_light=LightLevels(sky=2.0, projector=0.5),
             grpc_certificate=certificate,
             grpc_key=key,
             grpc_client_ca=ca,
@@ -213,6 +216,8 @@ def test_configuration_of_the_stereo_camera(tmp_path: Path) -> None:
         seed=5,
         noise=False,
         background=(1, 2, 3),
+        light=LightLevels(sky=2.0, projector=0.5),
+        dot_light=1.0,
         faults=True,
     )
     assert stereo.config_of(Settings()).tls is None
@@ -264,6 +269,24 @@ async def test_cameras_see_the_projectors_of_others_on_request(
     others = sources[0](None).projectors
     assert [other.X_world_left[:3, 3].tolist() for other in others] == seen
     assert all(other.dot_light == 2.0 for other in others)
+
+
+@pytest.mark.parametrize(("scene_lights", "x"), [("true", 2.0), ("false", 5.0)])
+async def test_cameras_see_the_lights_of_their_scene_or_of_the_rig(
+    contexts: Any, tmp_path: Path, scene_lights: str, x: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    scene, rig = tmp_path / "scene.gltf", tmp_path / "rig.toml"
+    lights = {"lights": [{"type": "point"}]}
+    node = {"translation": [2, 0, 0], "extensions": {"KHR_lights_punctual": {"light": 0}}}
+    document = {"asset": {"version": "2.0"}, "scene": 0, "scenes": [{"nodes": [0]}], "nodes": [node]}
+    used = {"extensionsUsed": ["KHR_lights_punctual"], "extensions": {"KHR_lights_punctual": lights}}
+    scene.write_text(json.dumps({**document, **used}))
+    rig.write_text(f'scene_lights = {scene_lights}\n[[lights]]\nkind = "point"\nposition = [5, 0, 0]\n')
+    context = contexts(grpc_port=0, stereo_scene=str(scene), rig=rig, up="z")
+    monkeypatch.setattr(Context, "run_service", lambda *_, **__: None)
+    provided = await stereo.setup(context, Provided())
+    assert provided.stereo is not None
+    assert [light.position for light in provided.stereo.service.config.lights] == [(x, 0.0, 0.0)]
 
 
 class Sensor:

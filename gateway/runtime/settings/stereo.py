@@ -10,7 +10,8 @@ from pydantic import model_validator
 from pydantic_settings import BaseSettings
 
 from gateway.runtime.settings.option import option
-from gateway.runtime.settings.types import Cameras, MountPath, MountPose, Port, PortOrOff, Realism
+from gateway.runtime.settings.types import Cameras, LightLevel, MountPath, MountPose, Port, PortOrOff, Realism
+from renderers.stereo.light.levels import LightLevels
 
 stereo = partial(option, "Stereo camera")
 
@@ -60,6 +61,13 @@ class StereoSettings(BaseSettings):
         None,
         "Realistic camera images: 'off', 'all', or some of shadows, lens-blur, vignetting, fixed-pattern, motion-blur, "
         "projector, separated by commas. The default is 'off', and 'all' with --demo.",
+    )
+    stereo_light: LightLevel = stereo(
+        LightLevels(),
+        "Light in camera images, which adds up; names that are left out keep their defaults. lamp: a point at the "
+        "camera, its light at 1.5 m; sky: light on what faces up; ground: light on what faces down; key: light in "
+        "place of the lamp with the realism part shadows; scene, projector: factors of the lights of --stereo-scene or "
+        "--rig, and of the projector.",
     )
     stereo_projectors: Literal["own", "shared"] = stereo(
         "own",

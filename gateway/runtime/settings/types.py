@@ -13,6 +13,7 @@ from urllib.parse import unquote
 from pydantic import AfterValidator, BeforeValidator, Field
 from pydantic_settings import NoDecode
 
+from renderers.stereo.light.levels import LightLevels, parse_light_levels
 from renderers.stereo.realism import RealismPart, parse_realism
 from scenegate.lcm.url import check_lcm_url
 
@@ -85,6 +86,7 @@ XacroArguments = Annotated[tuple[str, ...], NoDecode, _split("|"), AfterValidato
 Paths = Annotated[tuple[Path, ...], NoDecode, _split(os.pathsep)]
 Color = Annotated[tuple[Byte, Byte, Byte], NoDecode, _from_text(_parse_color)]
 Realism = Annotated[tuple[RealismPart, ...] | None, NoDecode, _from_text(parse_realism)]
+LightLevel = Annotated[LightLevels, NoDecode, _from_text(parse_light_levels)]
 Names = Annotated[tuple[str, ...], NoDecode, _split(",")]
 FrameOrigins = Annotated[tuple[Annotated[str, AfterValidator(_check_frame_origin)], ...], NoDecode, _split(",")]
 RootPath = Annotated[str, AfterValidator(_check_root_path)]

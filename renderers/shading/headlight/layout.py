@@ -6,6 +6,7 @@ from typing import Final
 
 from renderers.compiler.kernel_types import F32, I32, I64, U8, Pointer
 from renderers.compiler.structs import Struct
+from renderers.shading.camera_light import CameraLightInputs
 from renderers.shading.layout import ShadingInputs
 
 DIRECT: Final = 0
@@ -28,5 +29,8 @@ class HeadlightInputs(Struct):
     gathered: Pointer[F32]  # (4, height, width + 8), see output_merge
     gamma_cells: Pointer[I32]  # gamma.GAMMA_CELLS
     gamma_from_linear: Pointer[F32]  # gamma.GAMMA_FROM_LINEAR
+    has_camera_light: I64  # 1: ``camera_light`` replaces the headlight on metallic-roughness materials
+    camera_light: CameraLightInputs
+    lamp_share: Pointer[F32]  # (height, width + 8), see Frame; null: not wanted
     columns: I64  # address of (rows, stride) int32: image columns of the ids; 0: id k is in column k
     counts: Pointer[I32]  # (rows,), with ``columns``: number of ids of each row

@@ -6,13 +6,16 @@ which are the row's pixels from ``begin`` on.
 
 from __future__ import annotations
 
+import math
+
 from renderers.compiler import simd as vec
 from renderers.compiler.device_function import device_function, inlined
-from renderers.compiler.kernel_types import I32, I64, Pointer, i64
-from renderers.compiler.pointers import stack_array
+from renderers.compiler.kernel_types import F32, I32, I64, Pointer, i64
+from renderers.compiler.pointers import address, advance, f32_at, stack_array
 from renderers.compiler.simd import F32x8, F32x8x3
 from renderers.shading.brdf import headlight_cosines, schlick, vtk_colors, vtk_reflected, vtk_specular
-from renderers.shading.headlight.layout import DIRECT, HeadlightInputs
+from renderers.shading.camera_light import light_pixels
+from renderers.shading.headlight.layout import DIRECT, GATHER, HeadlightInputs
 from renderers.shading.headlight.output_merge import packed, write_pixels
 from renderers.shading.interpolation import pixel_columns
 from renderers.shading.layout import LAMBERT, SPAN_STRIDE, STRIDE, UNLIT, Segment, ShadedPixels, ShadingMaterial
@@ -64,6 +67,14 @@ def _store_pixels(
         store3(pixels.base_color, x, STRIDE, rgb)
 
 
+@inlined
+def _lamp_share_of_row(job: HeadlightInputs, segment: Segment, begin: I64) -> Pointer[F32]:
+    """Return a pointer to the lamp's share of the row's pixel ``begin``; null if it is not wanted."""
+    if address(job.lamp_share) == 0 or job.mode == GATHER:
+        return f32_at(0)
+    return advance(job.lamp_share, segment.y * (job.width + vec.LANES) + begin)
+
+
 @device_function
 def _shade_unlit(
     job: HeadlightInputs, segment: Segment, has_rows: bool, begin: I64, count: I64, packed_row: Pointer[I32]
@@ -71,8 +82,11 @@ def _shade_unlit(
     """Show the base colour."""
     direct, material, pixels = job.mode == DIRECT, segment.material, segment.pixels
     gamma = material.gamma != 0
+    lamp_share = _lamp_share_of_row(job, segment, begin)
     for x in range(0, count, vec.LANES):
         _store_pixels(job, pixels, gamma, direct, packed_row, begin, x, _base_color(material, pixels, has_rows, x))
+        if address(lamp_share) != 0:  # the segment before overran it
+            vec.store(lamp_share, x, vec.f32(1.0))
 
 
 @inlined
@@ -93,17 +107,13 @@ def _shade_lambert(
         _store_pixels(job, pixels, False, direct, packed_row, begin, x, color)
 
 
-@device_function
-def _shade_pbr(
-    job: HeadlightInputs, segment: Segment, has_rows: bool, begin: I64, count: I64, packed_row: Pointer[I32]
-) -> None:
-    """Show metallic-roughness reflection as VTK evaluates it, with occlusion and emission."""
+@inlined
+def _light_by_headlight(segment: Segment, begin: I64, count: I64) -> None:
+    """Replace the rows ``normal`` by what ``vtk_reflected`` reads: n . l, the specular term and Schlick's factor."""
     material, pixels, columns, shading_job = segment.material, segment.pixels, segment.columns, segment.job
-    has_roughness_map, has_emissive_map = material.metallic_roughness_texture >= 0, material.emissive_texture >= 0
     center_offset, inv_fx = vec.f32(0.5 - shading_job.cx), vec.f32(1.0 / shading_job.fx)
     ray_y = vec.f32((segment.y + 0.5 - shading_job.cy) / shading_job.fy)
-    roughness_factor, metallic_factor = vec.f32(material.roughness), vec.f32(material.metallic)
-    # Two loops with short bodies, so that a processor overlaps their iterations.
+    roughness_factor, has_roughness_map = vec.f32(material.roughness), material.metallic_roughness_texture >= 0
     for x in range(0, count, vec.LANES):
         column = pixel_columns(columns, begin + x)
         normal = load3(pixels.normal, x, STRIDE)
@@ -112,8 +122,25 @@ def _shade_pbr(
         if has_roughness_map:
             roughness = roughness * vec.load(pixels.metallic_roughness, STRIDE + x)
         n_l, specular = vtk_specular(n_l, n_v, v_l, roughness)
-        # The normals are not needed any more: their rows hold what the second loop reads.
         store3(pixels.normal, x, STRIDE, (n_l, specular, schlick(v_l)))
+
+
+@device_function
+def _shade_pbr(
+    job: HeadlightInputs, segment: Segment, has_rows: bool, begin: I64, count: I64, packed_row: Pointer[I32]
+) -> None:
+    """Show metallic-roughness reflection as VTK evaluates it, with occlusion and emission.
+
+    Under a camera's light, occlusion reduces the light of sky and ground only (glTF 2.0, 3.9.3).
+    """
+    if job.has_camera_light != 0:
+        light_pixels(job.camera_light, segment, count, _lamp_share_of_row(job, segment, begin))
+    else:
+        _light_by_headlight(segment, begin, count)
+    material, pixels, has_camera_light = segment.material, segment.pixels, job.has_camera_light != 0
+    metallic_factor, inv_pi = vec.f32(material.metallic), vec.f32(1.0 / math.pi)
+    has_roughness_map, has_emissive_map = material.metallic_roughness_texture >= 0, material.emissive_texture >= 0
+    # A loop of its own: short bodies, so that a processor overlaps their iterations.
     emissive_factor = broadcast3(material.emissive, 0)
     direct = job.mode == DIRECT
     for x in range(0, count, vec.LANES):
@@ -122,7 +149,9 @@ def _shade_pbr(
         if has_roughness_map:
             metallic = metallic * vec.load(pixels.metallic_roughness, 2 * STRIDE + x)
         diffuse, f0, f90_minus_f0 = vtk_colors(_base_color(material, pixels, has_rows, x), metallic)
-        unoccluded = unoccluded_share(material, pixels, x)
+        unoccluded = vec.f32(1.0)
+        if not has_camera_light:
+            unoccluded = unoccluded_share(material, pixels, x)
         emitted = emissive_factor
         if has_emissive_map:
             emitted = multiply3(emissive_factor, load3(pixels.emissive, x, STRIDE))
@@ -131,6 +160,13 @@ def _shade_pbr(
             vtk_reflected(n_l, specular, fresnel, diffuse[1], f0[1], f90_minus_f0[1]) * unoccluded + emitted[1],
             vtk_reflected(n_l, specular, fresnel, diffuse[2], f0[2], f90_minus_f0[2]) * unoccluded + emitted[2],
         )
+        if has_camera_light:
+            red, green, blue = load3(pixels.texel, x, STRIDE)
+            rgb = (
+                rgb[0] + red * (diffuse[0] + f0[0] * inv_pi),
+                rgb[1] + green * (diffuse[1] + f0[1] * inv_pi),
+                rgb[2] + blue * (diffuse[2] + f0[2] * inv_pi),
+            )
         _store_pixels(job, pixels, True, direct, packed_row, begin, x, rgb)
 
 

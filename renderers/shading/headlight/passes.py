@@ -12,6 +12,7 @@ from renderers.compiler.pointers import address_of
 from renderers.compiler.simd import LANES
 from renderers.drawlist import DrawList
 from renderers.interface import VTK_LOOKS, Look
+from renderers.shading.camera_light import CameraLightJob
 from renderers.shading.depth_peeling import for_bands, peeled, surfaces_in_drawing_order
 from renderers.shading.gamma import GAMMA_CELLS, GAMMA_FROM_LINEAR
 from renderers.shading.headlight.layout import DIRECT, GATHER, UNDER, HeadlightInputs
@@ -31,6 +32,7 @@ def paint(
     camera: Camera,
     look: Look,
     color: NDArray[np.uint8],
+    lamp_share: NDArray[np.float32] | None = None,
 ) -> None:
     """Render the colour image.
 
@@ -42,11 +44,12 @@ def paint(
         rasterizer: renders visibility buffers, and runs bands in parallel.
         scene: the draw list that ``shading`` was prepared from, with ``look.name``.
         color: (H, W, 3) uint8, C-contiguous; every pixel is written.
+        lamp_share: as in HeadlightInputs, of the opaque surfaces.
     """
     cull_back, transparent, blended = shading.cull_back, shading.transparent, shading.blended_in_place
     if not shading.has_transparency:
         visible = rasterizer.visibility(scene, camera, cull_back=cull_back)
-        _shade(rasterizer, shading, visible, camera, look, DIRECT, None, color)
+        _shade(rasterizer, shading, visible, camera, look, DIRECT, None, color, lamp_share)
         return
     gathered = np.zeros((4, camera.height, camera.width + LANES), dtype=np.float32)
     gathered[3] = 1.0
@@ -66,7 +69,7 @@ def paint(
             has_layers = True
             _shade(rasterizer, shading, layer, camera, look, GATHER, gathered, None)
         behind = rasterizer.visibility(scene, camera, select=~(transparent | blended), cull_back=cull_back)
-    _shade(rasterizer, shading, behind, camera, look, UNDER if has_layers else DIRECT, gathered, color)
+    _shade(rasterizer, shading, behind, camera, look, UNDER if has_layers else DIRECT, gathered, color, lamp_share)
 
 
 def solid_pixels(
@@ -96,17 +99,21 @@ class HeadlightJob:
         color: int,
         mode: int = DIRECT,
         gathered: int = 0,
+        lamp_share: NDArray[np.float32] | None = None,
     ) -> None:
         """
         Args:
             first_ids, X_camera_mesh: addresses of the arrays of these names in ``Visibility``.
             stride: number of values from one row of primitive ids to the next.
             color: address of the image, (H, W, 3) uint8.
-            mode, gathered: as in HeadlightInputs.
+            mode, gathered, lamp_share: as in HeadlightInputs.
         """
         if shading.look != look.name:
             raise ValueError(f"the scene was prepared for the look {shading.look!r}, not {look.name!r}")
-        shading_job = ShadingJob(shading, camera, first_ids, X_camera_mesh, area_filter=look.area_filter)
+        light = CameraLightJob(look.camera_light, camera) if look.camera_light is not None else None
+        shading_job = ShadingJob(
+            shading, camera, first_ids, X_camera_mesh, area_filter=look.area_filter, has_points=light is not None
+        )
         job = np.empty(1, HeadlightInputs.dtype)
         red, green, blue = look.background
         job[0] = HeadlightInputs.record(
@@ -120,10 +127,13 @@ class HeadlightJob:
             gathered=gathered,
             gamma_cells=_GAMMA_TABLES[0],
             gamma_from_linear=_GAMMA_TABLES[1],
+            has_camera_light=light is not None,
+            lamp_share=address_of(lamp_share, np.float32),
+            camera_light=light.address if light is not None else 0,
         )
         self.address = address_of(job, HeadlightInputs.dtype)
         """Valid while this object is alive."""
-        self._keep = (shading_job, job)
+        self._keep = (shading_job, light, job)
 
 
 def _shade(
@@ -135,6 +145,7 @@ def _shade(
     mode: int,
     gathered: NDArray[np.float32] | None,
     color: NDArray[np.uint8] | None,
+    lamp_share: NDArray[np.float32] | None = None,
 ) -> None:
     """Shade all bands of a layer."""
     job = HeadlightJob(
@@ -147,6 +158,7 @@ def _shade(
         color=address_of(color, np.uint8),
         mode=mode,
         gathered=address_of(gathered, np.float32),
+        lamp_share=lamp_share,
     )
 
     def shade(begin: int, end: int) -> None:

@@ -40,7 +40,7 @@ def light_surfaces(lighting: StudioLighting, surfaces: StudioSurfaces, count: I6
 
 
 @inlined
-def _direction_and_attenuation(light: StudioLight, point: F32x8x3) -> tuple[F32x8x3, F32x8]:
+def direction_and_attenuation(light: StudioLight, point: F32x8x3) -> tuple[F32x8x3, F32x8]:
     """Return unit vectors from points to a light, and the factors of its colour at the points, without shadows."""
     zero, one = vec.f32(0.0), vec.f32(1.0)
     direction = broadcast3(light.direction, 0)
@@ -69,7 +69,7 @@ def _add_light(lighting: StudioLighting, light: StudioLight, surfaces: StudioSur
     for x in range(0, count, vec.LANES):
         normal = load3(surfaces.normal, x, STRIDE)
         point = load3(surfaces.point, x, STRIDE)
-        to_light, attenuation = _direction_and_attenuation(light, point)
+        to_light, attenuation = direction_and_attenuation(light, point)
         n_l = dot(normal, to_light)
         attenuation = vec.select(n_l > zero, attenuation, zero)
         if light.shadow_map >= 0:

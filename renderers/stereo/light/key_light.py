@@ -1,4 +1,4 @@
-"""Key light with soft shadows and light from the sky, as factors of an image that was rendered under the headlight.
+"""Key light with soft shadows, as factors of an image that was rendered under all other light.
 
 The key light and the fit of its shadow map are those of the ``studio`` look (``renderers.shading.studio.shadows``).
 Factors have half the image's resolution, because they are smooth except at the edges of objects. They cost 18 ms of CPU
@@ -21,17 +21,9 @@ from renderers.shading.studio.shadows import light_camera, metres_per_pixel
 
 FACTOR_ONE: Final = 64
 """Value of the factor 1, which leaves the light as it is."""
-KEY_LIGHT: Final = 0.8
-"""Light of the key light on a surface that faces it, relative to the headlight on one that faces the camera."""
-SKY_LIGHT: Final = 0.5
-"""Light of the sky on a surface that faces up, in the same unit."""
-GROUND_LIGHT: Final = 0.25
-"""Light from below on a surface that faces down, in the same unit."""
 MAX_SHADOW_SIDE: Final = 512
 """Maximum side of the shadow map, texels: a quarter of the ``studio`` look's. Large texels make edges soft, about four
 pixels at full resolution, with 4 samples instead of 25."""
-_MIN_COSINE: Final = 0.3
-"""Minimum cosine of the headlight: factors would be noisy on surfaces that it hardly lights."""
 _NORMAL_OFFSET: Final = 1.5
 """Offset of points along their normal, against self-shadowing, texels."""
 _FIT_STEP: Final = 8
@@ -67,12 +59,13 @@ def light_factors(
     camera: Camera,
     shadow_depth: NDArray[np.float32],
     light: Camera,
+    scene_light: NDArray[np.float32],
+    key_light: float,
 ) -> NDArray[np.uint8]:
-    """Return the factor from the headlight to key light and sky at each pixel, (H, W) uint8, units of 1/``FACTOR_ONE``.
+    """Return the factor by which the key light brightens each pixel, (H, W) uint8, units of 1/``FACTOR_ONE``.
 
-    With n the surface's normal, v the direction to the camera, l that to the key light, and s the share of the key
-    light that reaches the surface: the light is ``max(n . v, 0.3)`` under the headlight. It becomes
-    ``KEY_LIGHT s max(n . l, 0)`` plus light between ``GROUND_LIGHT`` and ``SKY_LIGHT``. The factor of background is 1.
+    With n the surface's normal, l the direction to the key light, and s the share of it that reaches the surface, the
+    key light adds ``key_light s max(n . l, 0)`` to the other light, ``scene_light``. The factor of background is 1.
 
     Args:
         depth: (H, W) float32, metres, +inf: background.
@@ -80,17 +73,17 @@ def light_factors(
         camera: camera of ``depth`` and ``normal``.
         shadow_depth: (S, S) float32 depth seen by the light, metres, +inf: nothing.
         light: camera of ``shadow_depth``, by ``shadow_camera``.
+        scene_light: (H, W) float32, all other light.
+        key_light: light on a surface that faces the key light.
     """
     factors = np.empty(depth.shape, np.uint8)
     X_light_camera = light.X_camera_world @ camera.X_world_camera
     to_light = -X_light_camera[2, :3]  # one direction for all points: the light is far away
-    up = camera.X_world_camera[2, :3]
     offset = _NORMAL_OFFSET / light.fx  # per metre of distance from the light
     _write_factors(
         depth, normal, np.array((camera.fx, camera.fy, camera.cx, camera.cy)), shadow_depth,
         np.ascontiguousarray(X_light_camera[:3]), np.array((light.fx, light.cx, offset)),
-        np.ascontiguousarray(to_light), np.ascontiguousarray(up), np.array((KEY_LIGHT, SKY_LIGHT, GROUND_LIGHT)),
-        factors,
+        np.ascontiguousarray(to_light), scene_light, float(key_light), factors,
     )  # fmt: skip
     return factors
 
@@ -158,8 +151,8 @@ def _write_factors(
     X_light_camera: Array2[np.float64],
     shadow_map: Array1[np.float64],
     to_light: Array1[np.float64],
-    up: Array1[np.float64],
-    light_levels: Array1[np.float64],
+    scene_light: Array2[np.float32],
+    key_light: F64,
     factors: Array2[np.uint8],
 ) -> None:
     """Write ``light_factors`` to ``factors``.
@@ -170,12 +163,9 @@ def _write_factors(
         shadow_map: (3,): focal length and principal point, texels; offset of a point along its normal, metres
             per metre of distance from the light.
         to_light: (3,), unit vector to the light in the camera's frame.
-        up: (3,), the world's z axis in the camera's frame.
-        light_levels: (3,): ``KEY_LIGHT``, ``SKY_LIGHT`` and ``GROUND_LIGHT``.
     """
     height, width = depth.shape
     inv_fx, inv_fy, cx, cy = 1.0 / intrinsics[0], 1.0 / intrinsics[1], intrinsics[2], intrinsics[3]
-    key, sky, ground = light_levels[0], light_levels[1], light_levels[2]
     for row in range(height):
         ray_y = (row + 0.5 - cy) * inv_fy
         for column in range(width):
@@ -184,15 +174,13 @@ def _write_factors(
                 factors[row, column] = FACTOR_ONE
                 continue
             nx, ny, nz = float(normal[row, column, 0]), float(normal[row, column, 1]), float(normal[row, column, 2])
-            headlight = -nz
             n_l = nx * to_light[0] + ny * to_light[1] + nz * to_light[2]
-            n_up = nx * up[0] + ny * up[1] + nz * up[2]
-            if nx == 0.0 and ny == 0.0 and nz == 0.0:  # unlit: as a surface that faces the camera and the sky
-                headlight, n_l, n_up = 1.0, 0.8, 1.0
+            if nx == 0.0 and ny == 0.0 and nz == 0.0:  # unlit
+                factors[row, column] = FACTOR_ONE
+                continue
             share = f32(0.0)
             if n_l > 0.0:
                 point = (column + 0.5 - cx) * inv_fx * z, ray_y * z, z
                 share = _unshadowed_share(shadow_depth, shadow_map, X_light_camera, point, (nx, ny, nz), n_l)
-            light_here = key * share * max(n_l, 0.0) + ground + (sky - ground) * (0.5 + 0.5 * n_up)
-            factor = light_here / max(headlight, _MIN_COSINE) * FACTOR_ONE
+            factor = (1.0 + key_light * share * max(n_l, 0.0) / scene_light[row, column]) * FACTOR_ONE
             factors[row, column] = int(min(factor + 0.5, 255.0))

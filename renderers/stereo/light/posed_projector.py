@@ -6,7 +6,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,10 +14,8 @@ from renderers.camera import Camera
 from renderers.compiler.device_function import inlined
 from renderers.compiler.jit import kernel
 from renderers.compiler.kernel_types import F64, I64, Array1, Array2, Array3, f64
-from renderers.stereo.light.projector import MAX_FADE, REFERENCE_DEPTH, SHADOW_BIAS, pattern_at
-
-_MIN_HEADLIGHT: Final = 0.2
-"""Lower limit of the headlight's cosine, by which the projector's cosine is divided."""
+from renderers.shading.camera_light import MAX_FALLOFF, REFERENCE_DISTANCE
+from renderers.stereo.light.projector import SHADOW_BIAS, pattern_at
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -32,6 +29,8 @@ class Surfaces:
     """(H, W, 3) float32, unit normals in the camera's frame; 0: unlit (points, lines)."""
     returned: tuple[NDArray[np.int32], NDArray[np.float32]]
     """(H, W) int32 instances and (I,) float32 ``returned_shares`` of them."""
+    light: NDArray[np.float32]
+    """(H, W) float32, ``scene_light``."""
 
 
 def add_dots(
@@ -61,7 +60,7 @@ def add_dots(
     _add_dots(
         surfaces.depth, surfaces.normal, np.array((camera.fx, camera.fy, camera.cx, camera.cy)), X_projector_camera,
         projector_depth, np.array((projector.fx, projector.fy, projector.cx, projector.cy)), pattern,
-        cells_per_pixel, float(strength), *surfaces.returned, light,
+        cells_per_pixel, float(strength), *surfaces.returned, surfaces.light, light,
     )  # fmt: skip
 
 
@@ -78,6 +77,7 @@ def _add_dots(
     strength: F64,
     ids: Array2[np.int32],
     shares: Array1[np.float32],
+    other_light: Array2[np.float32],
     light: Array2[np.uint16],
 ) -> None:
     """Add the projector's light at every pixel. Arguments that are not listed are those of ``add_dots``.
@@ -93,6 +93,7 @@ def _add_dots(
         cells_per_pixel: cells of the pattern per pixel of the projector's image.
         ids: (H, W), instance at every pixel.
         shares: (I,), share of the light that each instance returns.
+        other_light: (H, W), the surfaces' other light, which dots are relative to.
     """
     height, width = depth.shape
     rows, columns = projector_depth.shape
@@ -121,9 +122,13 @@ def _add_dots(
             if _is_in_shadow(projector_depth, left, top, projector_z):
                 continue
             value = _interpolated(pattern, offset_x * cells_per_pixel + center, offset_y * cells_per_pixel + center)
-            fade = REFERENCE_DEPTH / projector_z
-            cosines = _relative_cosine(normal[row, column], origin[0] - x, origin[1] - y, origin[2] - z)
-            value *= min(fade * fade, MAX_FADE) * cosines * strength * shares[max(ids[row, column], 0)]
+            to_x, to_y, to_z = origin[0] - x, origin[1] - y, origin[2] - z
+            distance_squared = to_x * to_x + to_y * to_y + to_z * to_z
+            n_x, n_y, n_z = normal[row, column, 0], normal[row, column, 1], normal[row, column, 2]
+            if n_x != 0.0 or n_y != 0.0 or n_z != 0.0:  # not an unlit surface
+                value *= max((n_x * to_x + n_y * to_y + n_z * to_z) / np.sqrt(distance_squared), 0.0)
+            falloff = min(REFERENCE_DISTANCE**2 / distance_squared, MAX_FALLOFF)
+            value *= falloff * strength * shares[max(ids[row, column], 0)] / other_light[row, column]
             light[row, column] = int(min(light[row, column] + value + 0.5, 65535.0))
 
 
@@ -135,24 +140,6 @@ def _is_in_shadow(projector_depth: Array2[np.float32], left: I64, top: I64, proj
         max(projector_depth[top + 1, left], projector_depth[top + 1, left + 1]),
     )
     return farthest < projector_z * (1.0 - SHADOW_BIAS)
-
-
-@inlined
-def _relative_cosine(normal: Array1[np.float32], to_x: F64, to_y: F64, to_z: F64) -> F64:
-    """Return the cosine of the projector's light on a surface, divided by that of the headlight.
-
-    Args:
-        normal: (3,), unit normal in the camera's frame; 0: unlit, for which the result is 1.
-        to_x: vector from the surface to the projector in the camera's frame, metres.
-        to_y: likewise.
-        to_z: likewise.
-    """
-    n_x, n_y, n_z = normal[0], normal[1], normal[2]
-    cosines = 1.0
-    if n_x != 0.0 or n_y != 0.0 or n_z != 0.0:
-        cosine = (n_x * to_x + n_y * to_y + n_z * to_z) / np.sqrt(to_x * to_x + to_y * to_y + to_z * to_z)
-        cosines = max(cosine, 0.0) / max(-f64(n_z), _MIN_HEADLIGHT)
-    return cosines
 
 
 @inlined

@@ -6,8 +6,8 @@ Objects cast shadows in its light.
 
 There are two patterns: square dots, and realistic ones (``projector_pattern``).
 
-The light of a dot is relative to that of the headlight on the same surface, which already depends on the surface's
-albedo and angle. Dots fade with the square of the distance. Polished metal returns few of them to the cameras.
+The projector is a point: its light falls with the cosine and the square of the distance. Polished metal returns little
+of it to the cameras.
 """
 
 from __future__ import annotations
@@ -24,6 +24,7 @@ from renderers.compiler.device_function import device_function
 from renderers.compiler.jit import kernel
 from renderers.compiler.kernel_types import F32, F64, Array1, Array2, f32, i32, u16, u32, u64
 from renderers.drawlist import Image, Instance
+from renderers.shading.camera_light import MAX_FALLOFF, REFERENCE_DISTANCE
 from renderers.stereo.light.projector_pattern import TEXELS_PER_CELL, soft_pattern_levels
 
 CELL: Final = 1.5 / 552.0
@@ -37,18 +38,16 @@ differ between the two cameras."""
 SHADOW_BIAS: Final = 0.02
 """Relative depth bias against self-shadowing, about the change of a slanted surface's depth over the three pixels that
 are compared."""
-REFERENCE_DEPTH: Final = 1.5
-"""Depth at which dots are neither brightened nor faded, metres."""
 FULL_LIGHT: Final = 255
-"""Value of a full dot at ``REFERENCE_DEPTH``."""
-MAX_FADE: Final = 4.0
-"""Maximum factor by which nearer dots are brighter."""
+"""Value of a full dot on a surface that faces the projector at ``REFERENCE_DISTANCE``."""
 _AVERAGED_TEXELS: Final = 256
 """Minimum number of texels along a texture's shorter side from which its means are computed."""
 _cached_means: WeakCache[Image, tuple[float, float]] = WeakCache("metal_means")
 """Results of ``_metal_means``."""
 _ALL_RETURNED: Final = np.zeros((1, 1), np.int32), np.ones(1, np.float32)
 """Kernel arguments for ``returned`` of None."""
+_FULL_SHARE: Final = np.ones((1, 1), np.float32)
+"""Kernel argument for ``lamp_share`` of None."""
 
 
 @cache
@@ -74,6 +73,7 @@ def projected_dots(
     offset: float,
     projector_depth: NDArray[np.float32],
     *,
+    lamp_share: NDArray[np.float32] | None = None,
     soft: bool = False,
     right: bool = False,
     point_samples: bool = False,
@@ -81,7 +81,8 @@ def projected_dots(
 ) -> NDArray[np.uint16]:
     """Return the light of the projector at every pixel, (H, W) uint16; 0 in shadow and on the background.
 
-    A full dot has the value ``FULL_LIGHT`` at ``REFERENCE_DEPTH``, and up to ``MAX_FADE`` times that at smaller depths.
+    It is relative to all other light, if ``lamp_share`` is. A full dot has the value ``FULL_LIGHT`` on a surface that
+    faces the projector at ``REFERENCE_DISTANCE``, and up to ``MAX_FALLOFF`` times that on nearer ones.
 
     Args:
         depth: (H, W) float32 depth of the camera image, metres, +inf: background.
@@ -91,6 +92,7 @@ def projected_dots(
         offset: x of the camera in the projector's frame, metres.
         projector_depth: (H, W) float32 depth seen from the projector with the camera's intrinsics, for shadows. Points
             outside this image are lit: the projector's field of view is wider than the camera's.
+        lamp_share: (H, W or more) float32, cosine of the projector's light divided by all other light; None: 1.
         soft: realistic dots (``projector_pattern``).
         right: speckle as the right camera sees it; without ``soft`` both cameras see the same.
         point_samples: sample the finest pattern at any resolution, so that the values have the distribution of a
@@ -101,8 +103,8 @@ def projected_dots(
     light = np.empty(depth.shape, np.uint16)
     ids, shares = returned or _ALL_RETURNED
     _project(
-        depth, projector_depth, pattern, cells_per_pixel, float(cx), float(cy), offset * focal_length, ids, shares,
-        light,
+        depth, _FULL_SHARE if lamp_share is None else lamp_share, projector_depth, pattern, cells_per_pixel,
+        float(focal_length), float(cx), float(cy), float(offset), ids, shares, light,
     )  # fmt: skip
     return light
 
@@ -165,12 +167,14 @@ def _interpolate_rows(upper: Array1[np.uint8], lower: Array1[np.uint8], fraction
 @kernel
 def _project(
     depth: Array2[np.float32],
+    lamp_share: Array2[np.float32],
     projector_depth: Array2[np.float32],
     pattern: Array2[np.uint8],
     cells_per_pixel: F64,
+    focal_length: F64,
     cx: F64,
     cy: F64,
-    focal_times_offset: F64,
+    offset: F64,
     ids: Array2[np.int32],
     shares: Array1[np.float32],
     light: Array2[np.uint16],
@@ -180,17 +184,18 @@ def _project(
     Arguments that are not listed are those of ``projected_dots``.
 
     Args:
+        lamp_share: (H, W or more), or (1, 1): 1.
         pattern: (N, N), one level of the pattern; N is a power of two.
         cells_per_pixel: cells of this level per pixel of the image.
-        focal_times_offset: focal length times the camera's x in the projector's frame, pixels times metres.
         ids: (H, W), instance at every pixel, or (1, 1).
         shares: (I,), share of the light that each instance returns; not used with ids of (1, 1).
         light: (H, W), output.
     """
     height, width = depth.shape
     period = pattern.shape[0]
-    reference, max_fade, has_ids = f32(REFERENCE_DEPTH), f32(MAX_FADE), ids.shape[0] == height
-    scale, disparity_factor = f32(cells_per_pixel), f32(focal_times_offset)
+    reference, has_ids, has_share = f32(REFERENCE_DISTANCE**2), ids.shape[0] == height, lamp_share.shape[0] == height
+    scale, disparity_factor = f32(cells_per_pixel), f32(offset * focal_length)
+    inv_focal, x_offset, max_z = f32(1.0 / focal_length), f32(offset), f32(1e6)
     shadow_factor = f32(1.0 - SHADOW_BIAS)
     center, cell_mask = f32(period // 2), u32(period - 1)
     one, half = f32(1.0), f32(0.5)
@@ -200,18 +205,25 @@ def _project(
     cells, fractions = np.empty(width, np.uint32), np.empty(width, np.float32)
     fades, projector_columns = np.empty(width, np.float32), np.empty(width, np.int32)
     for row in range(height):
-        v = (f32(row + 0.5) - f32(cy)) * scale + center
+        v, ray_y = (f32(row + 0.5) - f32(cy)) * scale + center, (f32(row + 0.5) - f32(cy)) * inv_focal
         cell_v = int(np.floor(v))
         upper, lower = pattern[cell_v & (period - 1)], pattern[(cell_v + 1) & (period - 1)]
         _interpolate_rows(upper, lower, v - f32(cell_v), pattern_row)
         for column in range(width):
             z = depth[row, column]  # +inf on the background, where all light fades
-            disparity, fade = disparity_factor / z, reference / z
+            disparity = disparity_factor / z
             u = (f32(column) + half - f32(cx) + disparity) * scale + center
             cell_u = np.floor(u)
             cells[column], fractions[column] = u32(i32(cell_u)) & cell_mask, u - cell_u
-            fades[column] = min(fade * fade, max_fade)
+            z = min(z, max_z)
+            # From the surface to the projector, in the camera's frame, metres.
+            to_x, to_y = -(f32(column) + half - f32(cx)) * inv_focal * z - x_offset, -ray_y * z
+            distance_squared = to_x * to_x + to_y * to_y + z * z
+            fades[column] = min(reference / distance_squared, f32(MAX_FALLOFF))
             projector_columns[column] = i32(np.floor(f32(column) + half + disparity))
+        if has_share:
+            for column in range(width):
+                fades[column] *= lamp_share[row, column]
         if has_ids:
             for column in range(width):
                 fades[column] *= shares[max(ids[row, column], 0)]
@@ -224,4 +236,4 @@ def _project(
                 farthest = max(projector_depth[row, x - 1], projector_depth[row, x], projector_depth[row, x + 1])
                 if farthest < depth[row, column] * shadow_factor:
                     value = f32(0.0)
-            light[row, column] = u16(i32(value * fades[column] + half))
+            light[row, column] = u16(i32(min(value * fades[column] + half, f32(65535.0))))

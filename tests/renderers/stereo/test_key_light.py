@@ -5,7 +5,10 @@ from __future__ import annotations
 import numpy as np
 
 from renderers.camera import Camera
-from renderers.stereo.light.key_light import FACTOR_ONE, GROUND_LIGHT, KEY_LIGHT, SKY_LIGHT, light_factors
+from renderers.stereo.light.key_light import FACTOR_ONE, light_factors
+
+KEY_LIGHT = 0.8
+OTHER_LIGHT = np.full((48, 64), 0.5, np.float32)
 
 
 def looking_down() -> Camera:
@@ -25,18 +28,18 @@ def test_key_light_reaches_what_it_sees() -> None:
     normal = np.zeros((48, 64, 3), np.float32)
     normal[:, :, 2] = -1.0  # up
     shadow_depth = np.full((128, 128), 100.0, np.float32)
-    open_ground = light_factors(depth, normal, looking_down(), shadow_depth, light_above())
-    assert (open_ground == round((KEY_LIGHT + SKY_LIGHT) * FACTOR_ONE)).all()
+    open_ground = light_factors(depth, normal, looking_down(), shadow_depth, light_above(), OTHER_LIGHT, KEY_LIGHT)
+    assert (open_ground == round((1.0 + KEY_LIGHT / 0.5) * FACTOR_ONE)).all()
     shadow_depth[:, :64] = 99.0  # something 1 m above the ground
-    half = light_factors(depth, normal, looking_down(), shadow_depth, light_above())
-    assert (half[:, :28] == round(SKY_LIGHT * FACTOR_ONE)).all()
-    assert (half[:, 36:] == round((KEY_LIGHT + SKY_LIGHT) * FACTOR_ONE)).all()
+    half = light_factors(depth, normal, looking_down(), shadow_depth, light_above(), OTHER_LIGHT, KEY_LIGHT)
+    assert (half[:, :28] == FACTOR_ONE).all()
+    assert (half[:, 36:] == round((1.0 + KEY_LIGHT / 0.5) * FACTOR_ONE)).all()
     assert len(np.unique(half[24, 28:36])) > 2, "a soft edge"
     assert (np.diff(half[24].astype(int)) >= 0).all()
     normal[:, :, 2] = 1.0 / np.sqrt(2)
     normal[:, :, 1] = 1.0 / np.sqrt(2)  # away from the light
-    back = light_factors(depth, normal, looking_down(), shadow_depth, light_above())
-    assert back.max() <= FACTOR_ONE * SKY_LIGHT / 0.3
+    back = light_factors(depth, normal, looking_down(), shadow_depth, light_above(), OTHER_LIGHT, KEY_LIGHT)
+    assert (back == FACTOR_ONE).all()
     depth[:] = np.inf
-    assert (light_factors(depth, normal, looking_down(), shadow_depth, light_above()) == FACTOR_ONE).all()
-    assert GROUND_LIGHT < SKY_LIGHT
+    empty = light_factors(depth, normal, looking_down(), shadow_depth, light_above(), OTHER_LIGHT, KEY_LIGHT)
+    assert (empty == FACTOR_ONE).all()

@@ -13,8 +13,10 @@ from numpy.typing import NDArray
 from gateway.adapters.stereo.device.parameter_specs import DeviceLimits
 from gateway.adapters.stereo.device.profile import DEFAULT_PROFILE, DepthMode, Profile, read_profile
 from gateway.runtime.http.tokens import Tokens
+from renderers.drawlist import Light
 from renderers.interface import LookName
 from renderers.stereo.lens.color_camera import ColorCamera
+from renderers.stereo.light.levels import LightLevels
 from renderers.stereo.model import Intrinsics, StereoModel
 from renderers.stereo.realism import RealismPart
 
@@ -71,6 +73,10 @@ class StereoConfig:
     """Factor of the standard deviation of the image noise."""
     realism: frozenset[RealismPart] = frozenset()
     """Effects of real lenses and lights that camera images have."""
+    light: LightLevels = field(default_factory=LightLevels)
+    """Light of each source in camera images."""
+    lights: tuple[Light, ...] = ()
+    """Lights in the world, besides those of the scene's draw list."""
     look: LookName = "gltf"
     """Shading of the rendered images."""
     background: tuple[int, int, int] = (204, 229, 255)
@@ -84,7 +90,7 @@ class StereoConfig:
     projector: bool = True
     """True if the camera has a random-dot projector, on output Out1."""
     dot_light: float = 2.0
-    """Light that the centre of a dot adds 1.5 m away, as a multiple of the headlight's on the same surface."""
+    """Light of the centre of a dot on a surface that faces the projector 1.5 m away, in the unit of ``light``."""
     serial: str = "02900000"
     """Serial number in the system information."""
     hostname: str = "scenegate"

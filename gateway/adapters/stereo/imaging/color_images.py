@@ -49,7 +49,7 @@ def expose_color_camera(
     config, manual, auto_limits = imaging.config, settings.manual_exposure, settings.auto_exposure
     camera_at = partial(color_camera.camera, capture.X_world_left, near=config.near, far=config.far)
     rendered = _rendered_image(imaging, color_camera, camera_at(), capture)
-    scene_light = imaging.scene_light(capture.scene, half=partial(camera_at, divisor=2), dots=None)
+    scene_light = imaging.scene_light(capture, half=partial(camera_at, divisor=2), dots=None)
     # This applies only the white balance of the exposure, which is the manual one also with automatic exposure.
     light_root = light_on_sensor(rendered, color_camera.intrinsics, manual, scene_light, imaging.lens, color=True)
     exposure = manual
@@ -63,7 +63,7 @@ def expose_color_camera(
 
 def _rendered_image(imaging: Imaging, color_camera: ColorCamera, camera: Camera, capture: Capture) -> NDArray[np.uint8]:
     """Return the rendered image, (H, W, 3) uint8. With a rolling shutter, strips are rendered at their own times."""
-    motion = None
+    motion, look = None, imaging.lit(imaging.look, capture)
     earlier = capture.earlier
     if color_camera.readout > 0.0 and earlier is not None:
         X_world_before = earlier.X_world_left @ color_camera.X_left_color
@@ -77,7 +77,7 @@ def _rendered_image(imaging: Imaging, color_camera: ColorCamera, camera: Camera,
             frame_time = ((top + bottom) / 2 / camera.height - 0.5) * (color_camera.readout / motion.seconds)
             scene, pose = motion.scene_at(frame_time), motion.camera_at(frame_time)
         strip = replace(camera, height=bottom - top, cy=camera.cy - top, X_world_camera=pose)
-        frame = imaging.renderer.render(scene, strip, Output.COLOR, imaging.look)
+        frame = imaging.renderer.render(scene, strip, Output.COLOR, look)
         assert frame.color is not None
         image[top:bottom] = frame.color
     return image

@@ -19,17 +19,20 @@ from renderers.stereo.lens.motion_blur import write_mean_light
 from renderers.stereo.light.key_light import light_factors, shadow_camera
 from renderers.stereo.light.posed_projector import Surfaces, add_dots
 from renderers.stereo.light.projector import projected_dots, returned_shares
+from renderers.stereo.light.scene_light import scene_light
 
 _GEOMETRY: Final = Output.DEPTH | Output.NORMAL
 """Outputs from which the factors of the key light follow."""
 
 
 def key_light_factors(
-    renderer: Renderer, look: Look, scene: DrawList, half_size_camera: Camera
+    renderer: Renderer, look: Look, level: float, scene: DrawList, half_size_camera: Camera
 ) -> NDArray[np.uint8] | None:
-    """Return the factor from the rendered light to that of the key light with its shadows; None: all are 1.
+    """Return the factor by which the key light with its shadows brightens the image; None: all are 1.
 
     Args:
+        look: look of the image, with its other light.
+        level: light of the key light on a surface that faces it.
         half_size_camera: camera with half the resolution of an image.
 
     Returns:
@@ -43,7 +46,11 @@ def key_light_factors(
         return None
     shadows = renderer.render(scene, light_camera, Output.DEPTH, look)
     assert shadows.depth is not None
-    return light_factors(geometry.depth, geometry.normal, half_size_camera, shadows.depth, light_camera)
+    assert look.camera_light is not None
+    other_light = scene_light(geometry.depth, geometry.normal, half_size_camera, look.camera_light)
+    return light_factors(
+        geometry.depth, geometry.normal, half_size_camera, shadows.depth, light_camera, other_light, level
+    )
 
 
 def blur_motion(
@@ -93,12 +100,12 @@ def light_of_projectors(
     *,
     has_own: bool,
 ) -> NDArray[np.uint16]:
-    """Return the light of the projectors at each pixel of a frame, (H, W) uint16.
+    """Return the light of the projectors at each pixel of a frame, relative to all other light, (H, W) uint16.
 
     Args:
-        look: look of the surfaces that dots fall on.
+        look: look of the surfaces that dots fall on, with their other light.
         capture: scene and pose, with the projectors of other cameras.
-        frame: the rendered depth and instances, and with other projectors normals.
+        frame: the rendered depth and instances; the share of the lamp, and with other projectors normals.
         offset: metres from the left camera to that of the frame, along its x axis.
         divisor: width of the camera images divided by that of the frame.
         has_own: True if the camera's own projector is on.
@@ -121,14 +128,20 @@ def light_of_projectors(
             k.cy,
             offset - projector_offset,
             projector_view.depth,
+            lamp_share=frame.lamp_share,
             soft=soft,
             right=right,
             point_samples=soft and divisor == METERING_DIVISOR,
             returned=returned,
         )
+    if not capture.projectors:
+        return dots
+    assert frame.normal is not None
+    assert look.camera_light is not None
+    camera = camera_at(offset=offset)
+    other_light = scene_light(frame.depth, frame.normal, camera, look.camera_light)
+    surfaces = Surfaces(camera, frame.depth, frame.normal, returned, other_light)
     for other in capture.projectors:
-        assert frame.normal is not None
-        surfaces = Surfaces(camera_at(offset=offset), frame.depth, frame.normal, returned)
         projector = other.camera(divisor, near=config.near, far=config.far)
         projector_view = renderer.render(capture.scene, projector, Output.DEPTH, look)
         assert projector_view.depth is not None

@@ -17,11 +17,12 @@ from gateway.adapters.stereo.imaging.matched_depth import matched_depth
 from gateway.adapters.stereo.imaging.scene_motion import motion_since
 from gateway.adapters.stereo.imaging.scene_view import Capture
 from renderers.camera import Camera
-from renderers.drawlist import DrawList, ImageError
+from renderers.drawlist import ImageError
 from renderers.interface import Frame, Look, Output, Renderer
 from renderers.stereo.depth.depth_images import DepthImages, exact_images, true_disparity
 from renderers.stereo.depth.filters import apply_filters
 from renderers.stereo.depth.image_pair import ImagePair
+from renderers.stereo.light.scene_light import camera_light
 from renderers.stereo.model import StereoModel
 from renderers.stereo.sensor.camera_image import (
     LENS_BLUR,
@@ -104,9 +105,17 @@ class Imaging:
         return Look(config.look, config.background, alpha_threshold=config.alpha_threshold, area_filter=True)
 
     @cached_property
-    def _lit_look(self) -> Look:
+    def _solid_look(self) -> Look:
         """Look of ``render_lit``."""
         return replace(self.look, alpha_threshold=max(self.look.alpha_threshold, DOT_ALPHA))
+
+    def lit(self, look: Look, capture: Capture) -> Look:
+        """Return a look with the light of a capture. The lamp is half-way between the cameras, as the projector is."""
+        config = self.config
+        lamp = capture.X_world_left[:3, 3] + config.model.baseline / 2 * capture.X_world_left[:3, 0]
+        lights = (*capture.scene.lights, *config.lights)
+        light = camera_light(config.light, lamp, lights, has_key_light="shadows" in config.realism)
+        return replace(look, camera_light=light)
 
     @cached_property
     def lens(self) -> Lens:
@@ -123,14 +132,16 @@ class Imaging:
             divisor: width of the camera images divided by that of the rendered images.
             outputs: images to render.
         """
-        return self.renderer.render(capture.scene, self.camera(capture, offset, divisor), outputs, self.look)
+        look = self.lit(self.look, capture)
+        return self.renderer.render(capture.scene, self.camera(capture, offset, divisor), outputs, look)
 
     def render_lit(self, capture: Capture, offset: float, divisor: int, outputs: Output) -> Frame:
         """Render the surfaces that a matcher measures and that dots fall on; the arguments are those of ``render``.
 
         Depth and instances ignore surfaces that are mostly transparent.
         """
-        return self.renderer.render(capture.scene, self.camera(capture, offset, divisor), outputs, self._lit_look)
+        look = self.lit(self._solid_look, capture)
+        return self.renderer.render(capture.scene, self.camera(capture, offset, divisor), outputs, look)
 
     def camera(self, capture: Capture, offset: float, divisor: int) -> Camera:
         """Return the camera of ``render`` with the same arguments."""
@@ -155,10 +166,17 @@ class Imaging:
         other_dots = None
         if capture.projectors:
             other_dots = light_of_projectors(
-                self.renderer, self._lit_look, self.config, capture, frame, 0.0, METERING_DIVISOR, has_own=False
+                self.renderer,
+                self.lit(self._solid_look, capture),
+                self.config,
+                capture,
+                frame,
+                0.0,
+                METERING_DIVISOR,
+                has_own=False,
             )
         half = partial(self.camera, capture, 0.0, 2 * METERING_DIVISOR)
-        scene_light = self.scene_light(capture.scene, half, other_dots)
+        scene_light = self.scene_light(capture, half, other_dots)
         k, lens = self.config.model.intrinsics(METERING_DIVISOR), Lens(vignetting=self.lens.vignetting)
 
         def light(scene_light: SceneLight) -> NDArray[np.float32]:
@@ -188,7 +206,7 @@ class Imaging:
         assert frame.color is not None
         if "motion-blur" in config.realism:
             self._blur_motion(capture, offset, exposure.time, frame.color)
-        scene_light = self.scene_light(capture.scene, partial(self.camera, capture, offset, 2), dots)
+        scene_light = self.scene_light(capture, partial(self.camera, capture, offset, 2), dots)
         return {
             color: image_from_light(
                 light_on_sensor(frame.color, k, exposure, scene_light, self.lens, color=color),
@@ -221,17 +239,19 @@ class Imaging:
         assert right is not None
         return exact_depth(config.model, left, right, settings)
 
-    def scene_light(self, scene: DrawList, half: Callable[[], Camera], dots: NDArray[np.uint16] | None) -> SceneLight:
+    def scene_light(self, capture: Capture, half: Callable[[], Camera], dots: NDArray[np.uint16] | None) -> SceneLight:
         """Return the light on the scene besides the rendered one.
 
         Args:
-            scene: scene of the image.
+            capture: scene and pose of the image.
             half: returns the camera with half the resolution of the image.
             dots: (H, W) uint16, light of projectors; None: all are off.
         """
         factors = None
         if "shadows" in self.config.realism:
-            factors = key_light_factors(self.renderer, self.look, scene, half())
+            factors = key_light_factors(
+                self.renderer, self.lit(self.look, capture), self.config.light.key, capture.scene, half()
+            )
         return SceneLight(dots, self.config.full_dot_light, factors, self.config.background)
 
     def _blur_motion(self, capture: Capture, offset: float, exposure_time: float, color: NDArray[np.uint8]) -> None:
@@ -243,7 +263,7 @@ class Imaging:
         X_world_before = self.camera(replace(capture, X_world_left=earlier.X_world_left), offset, 1).X_world_camera
         motion = motion_since(earlier, capture.timestamp, capture.scene, X_world_before, camera.X_world_camera)
         if motion is not None:
-            blur_motion(self.renderer, self.look, motion, camera, exposure_time, color)
+            blur_motion(self.renderer, self.lit(self.look, capture), motion, camera, exposure_time, color)
 
     def _render_with_dots(
         self, capture: Capture, offset: float, divisor: int
@@ -254,12 +274,19 @@ class Imaging:
         if capture.projectors:
             outputs |= Output.DEPTH | Output.INSTANCE | Output.NORMAL
         if has_own:
-            outputs |= Output.DEPTH | Output.INSTANCE
+            outputs |= Output.DEPTH | Output.INSTANCE | Output.LAMP_SHARE
         frame = self.render_lit(capture, offset, divisor, outputs)
         if outputs == Output.COLOR:
             return frame, None
         return frame, light_of_projectors(
-            self.renderer, self._lit_look, self.config, capture, frame, offset, divisor, has_own=has_own
+            self.renderer,
+            self.lit(self._solid_look, capture),
+            self.config,
+            capture,
+            frame,
+            offset,
+            divisor,
+            has_own=has_own,
         )
 
 

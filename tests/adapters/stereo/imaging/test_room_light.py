@@ -1,0 +1,111 @@
+"""Light in closed rooms: the camera's lamp, sky and ground, the projector, and lights of the scene."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from gateway.adapters.stereo.device.camera_config import StereoConfig
+from gateway.adapters.stereo.imaging.rendered_images import GREY, ImageRequest, Imaging
+from gateway.adapters.stereo.imaging.scene_view import Capture
+from gateway.scene.tree.transforms import look_at
+from renderers.drawlist import Light, LightKind
+from renderers.raster import CpuRenderer
+from renderers.stereo.light.levels import LightLevels
+from renderers.stereo.realism import REALISM_PARTS, RealismPart
+from renderers.stereo.sensor.camera_image import NoiseStream
+from renderers.stereo.sensor.exposure import Exposure
+from tests.adapters.stereo.conftest import SMALL
+from tests.adapters.stereo.rooms import noise_texture, room, walls_seen
+
+BOX = [(-3.0, -2.0), (3.0, -2.0), (3.0, 2.0), (-3.0, 2.0)]
+CORRIDOR = [(-6.0, -0.8), (6.0, -0.8), (6.0, 0.8), (-6.0, 0.8)]
+L_SHAPE = [(0.0, 0.0), (6.0, 0.0), (6.0, 2.0), (2.0, 2.0), (2.0, 6.0), (0.0, 6.0)]
+HEIGHT = 2.6
+
+
+@pytest.mark.parametrize("realism", [(), REALISM_PARTS], ids=["off", "all"])
+@pytest.mark.parametrize(
+    ("corners", "eye", "target"),
+    [
+        (BOX, (-2.5, 0.0, 1.2), (3.0, 0.0, 1.2)),
+        (BOX, (-2.0, -1.0, 1.2), (3.0, 2.0, 1.2)),
+        (CORRIDOR, (-5.5, 0.0, 1.2), (6.0, 0.0, 1.2)),
+        (L_SHAPE, (1.0, 1.0, 1.2), (6.0, 1.0, 1.2)),
+    ],
+)
+def test_every_wall_is_lit_and_measured(
+    renderer: CpuRenderer,
+    corners: list[tuple[float, float]],
+    eye: tuple[float, float, float],
+    target: tuple[float, float, float],
+    realism: tuple[RealismPart, ...],
+) -> None:
+    scene = room(corners, HEIGHT, noise_texture())
+    walls = walls_seen(renderer, scene, eye, target, realism=frozenset(realism))
+    greys = [wall.grey for wall in walls.values()]
+    assert len(greys) >= 4
+    assert min(greys) > 30.0
+    assert max(greys) < 220.0
+    assert max(greys) / min(greys) <= 6.0
+    for number, wall in walls.items():
+        assert not wall.fill < 0.8, (number, wall)
+
+
+@pytest.mark.parametrize(("corners", "eye"), [(BOX, (0.0, 1.2, 1.2)), (CORRIDOR, (-5.5, 0.0, 1.2))])
+def test_the_projector_measures_plain_walls(
+    renderer: CpuRenderer, corners: list[tuple[float, float]], eye: tuple[float, float, float]
+) -> None:
+    walls = walls_seen(renderer, room(corners, HEIGHT, None), eye, (6.0, 0.0, 1.2), projector=True, max_depth=3.0)
+    fills = [wall.fill for wall in walls.values() if not np.isnan(wall.fill)]
+    assert len(fills) >= 2
+    assert min(fills) >= 0.7
+
+
+def light_image(renderer: CpuRenderer, levels: LightLevels, *lights: Light) -> NDArray[np.float64]:
+    """Return the light in a grey image of the plain room without noise, white is 1."""
+    config = StereoConfig(model=SMALL, noise=False, light=levels, lights=lights)
+    pose = look_at((-2.5, 0.0, 1.2), (3.0, 0.0, 1.2), (0.0, 0.0, 1.0))
+    request = ImageRequest(Exposure(0.005), NoiseStream.LEFT, frozenset((GREY,)))
+    capture = Capture(0, room(BOX, HEIGHT, None), 1, pose, 0)
+    return Imaging(config, renderer).expose(capture, request)[GREY].image / 255.0
+
+
+def test_light_adds_up(renderer: CpuRenderer) -> None:
+    dark = LightLevels(lamp=0.0, sky=0.0, ground=0.0)
+    lamp, ambient = replace(dark, lamp=1.0), replace(dark, sky=2.0, ground=1.0)
+    spot = Light(LightKind.SPOT, (1.0, 1.0, 1.0), 8.0, (2.0, 0.0, 2.5), (0.0, 0.0, -1.0), outer_cone=0.4)
+    by_lamp, by_ambient, by_spot = (
+        light_image(renderer, lamp),
+        light_image(renderer, ambient),
+        light_image(renderer, dark, spot),
+    )
+    together = light_image(renderer, replace(ambient, lamp=1.0), spot)
+    rest = light_image(renderer, dark)
+    assert np.abs(together - (by_lamp + by_ambient + by_spot - 2 * rest)).max() < 0.02  # rounding of four images
+    assert by_spot.max() > 0.1
+    row, column = SMALL.height - 20, SMALL.width // 2
+    assert by_spot[row, column] == pytest.approx(rest[row, column], abs=0.01), "outside of the spot"
+    half = light_image(renderer, replace(dark, scene=0.5), spot)
+    assert (half - rest).sum() == pytest.approx((by_spot - rest).sum() / 2, rel=0.05)
+
+
+def test_the_lamp_is_a_point(renderer: CpuRenderer) -> None:
+    """Light of albedo 0.5 under a lamp of 3 is 0.5 / pi * 3 * (1.5 / distance)^2 * cosine, besides a little gloss."""
+    image = light_image(renderer, LightLevels(lamp=3.0, sky=0.0, ground=0.0))
+    k = SMALL.intrinsics()
+    rows, columns = np.mgrid[0 : k.height, 0 : k.width] + 0.5
+    x = (columns - k.cx) / k.focal_length
+    y = (rows - k.cy) / k.focal_length
+    lamp_x = SMALL.baseline / 2
+    for name, z, normal in (("wall ahead", 5.5, (0.0, 0.0, -1.0)), ("floor", 1.2 / y, (0.0, -1.0, 0.0))):
+        with np.errstate(divide="ignore"):
+            point = np.stack(np.broadcast_arrays(x * z, y * z, z + 0.0 * x), axis=-1)
+        to_lamp = np.array((lamp_x, 0.0, 0.0)) - point
+        distance = np.linalg.norm(to_lamp, axis=-1)
+        expected = 0.5 / np.pi * 3.0 * np.minimum((1.5 / distance) ** 2, 4.0) * (to_lamp @ normal) / distance
+        seen = np.s_[110:130, 100:220] if name == "wall ahead" else np.s_[200:235, 100:220]
+        assert image[seen] == pytest.approx(expected[seen], abs=0.012), name
