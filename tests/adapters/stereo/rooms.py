@@ -18,6 +18,7 @@ from renderers.drawlist import DrawList, Image, Instance, Material, Mesh, Sample
 from renderers.interface import Output
 from renderers.raster import CpuRenderer
 from renderers.stereo.depth.image_pair import ImagePair
+from renderers.stereo.model import DISPARITY_SCALE
 from renderers.stereo.realism import RealismPart
 from renderers.stereo.sensor.camera_image import NoiseStream
 
@@ -38,7 +39,7 @@ def noise_texture(side: int = 2048) -> Texture:
     return Texture(Image(b"noise", lambda: pixels), Sampler())
 
 
-def room(corners: list[tuple[float, float]], height: float, texture: Texture | None) -> DrawList:
+def room(corners: list[tuple[float, float]], height: float, texture: Texture | None, tile: float = TILE) -> DrawList:
     """Return a closed room: walls between the corners, in order, floor at z = 0 and ceiling.
 
     Instances are the walls, then floor and ceiling, as rectangles around all corners.
@@ -58,7 +59,7 @@ def room(corners: list[tuple[float, float]], height: float, texture: Texture | N
     for number, quad in enumerate(quads):
         points = np.array(quad)
         u, v = np.linalg.norm(points[1] - points[0]), np.linalg.norm(points[3] - points[0])
-        uv = np.array(((0, 0), (u, 0), (u, v), (0, v)), np.float32) / np.float32(TILE)
+        uv = np.array(((0, 0), (u, 0), (u, v), (0, v)), np.float32) / np.float32(tile)
         mesh = Mesh(
             points.astype(np.float32), np.array(((0, 1, 2), (0, 2, 3)), np.uint32), uv0=uv + np.float32(0.13 * number)
         )
@@ -74,6 +75,8 @@ class Wall:
     """Mean grey."""
     fill: float
     """Share of the pixels up to ``MAX_INCIDENCE`` with valid disparity, NaN if there are few."""
+    right: float
+    """Share of the same pixels whose disparity is right within 1 pixel, NaN if there are few."""
     depth: float
     """Median depth, metres."""
     incidence: float
@@ -100,11 +103,11 @@ def walls_seen(
     X_world_left: NDArray[np.float64] = look_at(eye, target, (0.0, 0.0, 1.0))
     capture = Capture(0, scene, 1, X_world_left, int(projector))
     exposure = imaging.meter(capture, settings).exposure
-    left, right = (
+    left, right_image = (
         imaging.expose(capture, ImageRequest(exposure, stream, frozenset((GREY,))))[GREY]
         for stream in (NoiseStream.LEFT_DEPTH, NoiseStream.RIGHT_DEPTH)
     )
-    disparity = matched_depth(imaging.config, ImagePair(left, right, exposure), settings, None).disparity
+    disparity = matched_depth(imaging.config, ImagePair(left, right_image, exposure), settings, None).disparity
     seen = imaging.render(capture, 0.0, settings.quality.divisor, Output.DEPTH | Output.NORMAL | Output.INSTANCE)
     assert seen.depth is not None
     assert seen.normal is not None
@@ -116,17 +119,22 @@ def walls_seen(
     incidence = np.degrees(np.arccos(np.clip(-(ray * seen.normal).sum(axis=-1), -1.0, 1.0)))
     # The right camera sees nothing of the leftmost columns.
     measurable = (incidence <= MAX_INCIDENCE) & (seen.depth <= max_depth)
-    measurable &= columns > imaging.config.model.focal_times_baseline(settings.quality.divisor) / seen.depth
+    exact = imaging.config.model.focal_times_baseline(settings.quality.divisor) / seen.depth
+    measurable &= columns > exact
+    is_right = np.abs(disparity * DISPARITY_SCALE - exact) < 1.0
     grey = left.image[:: settings.quality.divisor, :: settings.quality.divisor]
     walls = {}
     for number in np.unique(seen.instance).tolist():
         mask = seen.instance == number
         counted = mask & measurable
         if mask.sum() >= 4000:
-            fill = float((disparity[counted] > 0).mean()) if counted.sum() >= 1000 else np.nan
+            fill, right = (
+                float(each[counted].mean()) if counted.sum() >= 1000 else np.nan for each in (disparity > 0, is_right)
+            )
             walls[number] = Wall(
                 float(grey[mask].mean()),
                 fill,
+                right,
                 float(np.median(seen.depth[mask])),
                 float(np.median(incidence[mask])),
                 int(mask.sum()),

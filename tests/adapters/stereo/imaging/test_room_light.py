@@ -55,6 +55,15 @@ def test_every_wall_is_lit_and_measured(
         assert not wall.fill < 0.8, (number, wall)
 
 
+def test_a_texture_that_repeats_is_matched_with_itself(renderer: CpuRenderer) -> None:
+    """At 5.5 m, the texture of 1 m repeats after 98 pixels; the repetition is nearer to a whole pixel."""
+    scene = room(BOX, HEIGHT, noise_texture(1024), tile=1.0)
+    walls = walls_seen(renderer, scene, (-2.5, 0.0, 1.2), (3.0, 0.0, 1.2))
+    for number, wall in walls.items():
+        assert not wall.fill < 0.8, (number, wall)
+        assert not wall.right < 0.8, (number, wall)
+
+
 @pytest.mark.parametrize(("corners", "eye"), [(BOX, (0.0, 1.2, 1.2)), (CORRIDOR, (-5.5, 0.0, 1.2))])
 def test_the_projector_measures_plain_walls(
     renderer: CpuRenderer, corners: list[tuple[float, float]], eye: tuple[float, float, float]
