@@ -154,7 +154,12 @@ def main() -> None:
         print("| reader | format | objects of samples | equal |\n|---|---|---|---|")
         for reader in sys.argv[1:] or READERS:
             format_name, packages = READERS[reader]
-            samples = read(reader, Path(name), [sample.id for sample in dataset])
+            try:
+                samples = read(reader, Path(name), [sample.id for sample in dataset])
+            except subprocess.CalledProcessError:  # its reason is on stderr
+                print(f"| {packages} | {format_name} | | not read |", flush=True)
+                wrong = True
+                continue
             differing = differences(dataset, samples, only_visible=format_name == "coco")
             counts = " ".join(str(len(sample["classes"])) for sample in samples)
             equal = f"not {', '.join(differing)}" if differing else ", ".join(samples[0])
