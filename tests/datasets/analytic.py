@@ -97,7 +97,7 @@ def _sample(folder: Path, scene: str, view: str, boxes: tuple[Box, ...]) -> Samp
     x, y = (columns + 0.5 - cx) / FOCAL, (rows[:, None] + 0.5 - cy) / FOCAL
     inside = np.s_[HEIGHT : 2 * HEIGHT, WIDTH : 2 * WIDTH]
     all_depths = [hit_depth(box, x, y) for box in boxes]
-    depths = np.array([depth[inside] for depth in all_depths])
+    depths = np.array([*(depth[inside] for depth in all_depths), np.full((HEIGHT, WIDTH), np.inf)])  # the background
     depth = depths.min(axis=0)
     instance = np.where(np.isfinite(depth), depths.argmin(axis=0) + 1, 0).astype(np.uint16)
     class_ids = np.array([0, *(box.class_id for box in boxes)], np.uint16)[instance]
@@ -106,7 +106,7 @@ def _sample(folder: Path, scene: str, view: str, boxes: tuple[Box, ...]) -> Samp
     amodal = msgspec.json.encode(
         [
             manifest.Silhouette(instance=k, size=(HEIGHT, WIDTH), counts=_runs(np.isfinite(mask)))
-            for k, mask in enumerate(depths, 1)
+            for k, mask in enumerate(depths[:-1], 1)
         ]
     )
     files: dict[ImageType, tuple[str, bytes]] = {

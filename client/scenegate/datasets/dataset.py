@@ -35,6 +35,24 @@ PIXEL_CENTER: Final = 0.5
 """Coordinate of the centre of the top left pixel; 0 in OpenCV, BOP and COCO."""
 NO_BOX: Final = (-1, -1, -1, -1)
 """Box of an object without visible pixels, in ``Sample.arrays``."""
+_ZERO_POSE: Final = ((0.0, 0.0, 0.0, 0.0),) * 4
+NO_OBJECT: Final = manifest.ObjectRecord(
+    instance=0,
+    path=(),
+    model="",
+    class_id=0,
+    X_world_object=_ZERO_POSE,
+    X_camera_object=_ZERO_POSE,
+    scale=(0.0, 0.0, 0.0),
+    box_3d=((0.0, 0.0, 0.0), (0.0, 0.0, 0.0)),
+    box_visible=None,
+    box_amodal=None,
+    visible_pixels=0,
+    amodal_pixels=0,
+    visible_fraction=0.0,
+    truncation=0.0,
+)
+"""Gives the arrays of a sample without objects their shapes and types."""
 UNKNOWN_FLOW: Final = 1e9
 """Magnitude from which a flow file's numbers mean that the flow is not known."""
 
@@ -187,22 +205,24 @@ class Sample:
         """Return an image as the property of its type does. For ``amodal``: all silhouettes by object, (N, H, W)."""
         if image_type == "amodal":
             masks = [self.amodal_mask(record.instance) for record in self.objects]
-            return np.array(masks).reshape(-1, self.record.camera.height, self.record.camera.width)
+            return np.array(masks, np.bool_).reshape(-1, self.record.camera.height, self.record.camera.width)
         pixels: NDArray[Any] = getattr(self, "class_ids" if image_type == "class" else image_type)
         return pixels
 
     def arrays(self) -> dict[str, NDArray[Any]]:
         """Return all images by their type, ``K``, ``X_world_camera``, and each field of the objects' records.
 
-        Arrays of objects are ``objects/FIELD``, (N, ...); a box that is None is (-1, -1, -1, -1).
+        Arrays of objects are ``objects/FIELD``, (N, ...), also if N is 0; a box that is None is (-1, -1, -1, -1).
+        Samples without annotations have none.
         """
         arrays = {str(image_type): self.image(image_type) for image_type in self.record.images}
         arrays |= {"K": self.K, "X_world_camera": self.X_world_camera}
-        for field in manifest.ObjectRecord.__struct_fields__ if self.objects else ():
-            values = [getattr(record, field) for record in self.objects]
+        is_annotated = any(image_type in self.record.images for image_type in manifest.ANNOTATED_TYPES)
+        for field in manifest.ObjectRecord.__struct_fields__ if is_annotated else ():
+            values = [getattr(record, field) for record in (*self.objects, NO_OBJECT)]
             if field == "path":
                 values = [msgspec.json.encode(value).decode() for value in values]
-            arrays[f"objects/{field}"] = np.array([NO_BOX if value is None else value for value in values])
+            arrays[f"objects/{field}"] = np.array([NO_BOX if value is None else value for value in values])[:-1]
         return arrays
 
     def stored(self, image_type: ImageType) -> NDArray[Any]:

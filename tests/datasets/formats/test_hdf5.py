@@ -9,6 +9,7 @@ import pytest
 
 from scenegate.datasets import Dataset
 from scenegate.datasets.formats import export
+from tests.datasets.analytic import BOXES, write_dataset
 
 h5py = pytest.importorskip("h5py", reason="h5py is in the extra formats")
 
@@ -28,6 +29,20 @@ def test_arrays_come_back(analytic: Dataset, dest: Path) -> None:
                 np.testing.assert_array_equal(group["objects/X_camera_object"][k], record.X_camera_object)
                 np.testing.assert_array_equal(group["objects/box_visible"][k], record.box_visible)
                 assert group["objects/model"].asstr()[k] == record.model
+
+
+def test_samples_without_objects_have_the_same_fields(tmp_path: Path) -> None:
+    export(Dataset(write_dataset(tmp_path / "out", {"pile": [(), BOXES]})), tmp_path / "dest", "hdf5")
+    with h5py.File(tmp_path / "dest" / "samples.hdf5") as file:
+        empty, full = file["pile/view-0"], file["pile/view-1"]
+        assert set(empty["objects"]) == set(full["objects"])
+        pairs = [
+            (empty["amodal"], full["amodal"]),
+            *((empty["objects"][name], each) for name, each in full["objects"].items()),
+        ]
+        for none, some in pairs:
+            assert none.shape == (0, *some.shape[1:])
+            assert none.dtype == some.dtype
 
 
 def test_no_object_has_a_time(analytic: Dataset, dest: Path) -> None:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import gzip
+import io
 import tarfile
 from pathlib import Path
 
@@ -12,7 +14,7 @@ import pytest
 from scenegate.datasets import Dataset
 from scenegate.datasets.formats import export
 from scenegate.datasets.manifest import SampleRecord
-from tests.datasets.analytic import HEIGHT, WIDTH, write_dataset
+from tests.datasets.analytic import ASIDE, BOXES, HEIGHT, WIDTH, Box, write_dataset
 
 webdataset = pytest.importorskip("webdataset", reason="webdataset is in the extra formats")
 
@@ -41,16 +43,45 @@ def test_samples_come_back(analytic: Dataset, dest: Path, monkeypatch: pytest.Mo
         assert [each["size"] for each in found["amodal.json"]] == [[HEIGHT, WIDTH]] * len(found["json"]["objects"])
 
 
-def test_the_first_sample_has_objects(tmp_path: Path) -> None:
+def _sample_files(path: Path) -> dict[str, set[str]]:
+    """Names of the files of each sample of a shard, in their order."""
+    names: dict[str, set[str]] = {}
+    with tarfile.open(path) as tar:
+        for member in tar.getmembers():
+            key, _, extension = member.name.partition(".")
+            names.setdefault(key, set()).add(extension)
+    return names
+
+
+def test_the_first_samples_have_all_that_others_lack(tmp_path: Path) -> None:
     """Hugging Face's datasets takes the types of columns from the first five samples."""
-    folder = write_dataset(tmp_path / "out")
-    first, *others = (folder / "manifest.jsonl").read_bytes().splitlines()
-    empty = msgspec.json.encode({**msgspec.json.decode(first), "objects": []})
-    (folder / "manifest.jsonl").write_bytes(b"".join(line + b"\n" for line in (empty, *others)))
+    empty_scenes: dict[str, list[tuple[Box, ...]]] = {f"empty-{k}": [()] for k in range(6)}
+    folder = write_dataset(tmp_path / "out", {**empty_scenes, "pile": [BOXES, ASIDE]})
+    lines = [msgspec.json.decode(line) for line in (folder / "manifest.jsonl").read_bytes().splitlines()]
+    for line in lines[:-1]:
+        line["camera"]["far"] = None
+    (folder / "manifest.jsonl").write_bytes(b"".join(msgspec.json.encode(line) + b"\n" for line in lines))
     export(Dataset(folder), tmp_path / "dest", "webdataset")
+    assert list(_sample_files(tmp_path / "dest" / "shard-000000.tar"))[:3] == ["00000006", "00000007", "00000000"]
+
+
+def test_all_samples_have_the_same_files(tmp_path: Path) -> None:
+    """The last view of a scene has no flow: an array of NaN."""
+    folder = write_dataset(tmp_path / "out")
+    description = msgspec.json.decode((folder / "dataset.json").read_bytes())
+    description["settings"]["types"].append("flow")
+    (folder / "dataset.json").write_bytes(msgspec.json.encode(description))
+    export(Dataset(folder), tmp_path / "dest", "webdataset")
+    files = _sample_files(tmp_path / "dest" / "shard-000000.tar").values()
+    arrays = {f"{name}.npy.gz" for name in ("depth", "instance", "class", "flow")}
+    assert len(files) == 3
+    assert all(names == {"json", "color.png", "amodal.json", *arrays} for names in files)
     with tarfile.open(tmp_path / "dest" / "shard-000000.tar") as tar:
-        keys = [member.name.removesuffix(".json") for member in tar.getmembers() if member.name.count(".") == 1]
-    assert keys == ["00000001", "00000000", "00000002"]
+        file = tar.extractfile("00000002.flow.npy.gz")
+        assert file is not None
+        flow = np.load(io.BytesIO(gzip.decompress(file.read())))
+    assert flow.shape == (HEIGHT, WIDTH, 2)
+    assert np.isnan(flow).all()
 
 
 def test_headers_have_no_times(analytic: Dataset, dest: Path) -> None:

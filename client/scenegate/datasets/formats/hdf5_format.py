@@ -29,11 +29,12 @@ def write(dataset: Dataset, folder: Path, samples: Iterator[Sample]) -> None:
         file.attrs["conventions"] = msgspec.json.encode(dataset.description.conventions).decode()
         for sample in samples:
             group = _group(file, sample.id)
-            if sample.objects:
+            arrays = sample.arrays()
+            if "objects/instance" in arrays:
                 _group(group, "objects")
-            for name, values in sample.arrays().items():
+            for name, values in arrays.items():
                 if values.dtype.kind == "U":
-                    group[name] = values.tolist()
+                    group.create_dataset(name, data=values.tolist(), dtype=h5py.string_dtype())
                 elif values.ndim < 2 or not values.size:
                     group[name] = values
                 else:  # an array is one chunk: it is read as a whole

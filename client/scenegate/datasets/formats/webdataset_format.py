@@ -4,20 +4,21 @@ for sample in webdataset.WebDataset("out/shard-{000000..000009}.tar").decode("rg
     sample["color.png"], sample["depth.npy.gz"], sample["json"]["camera"], sample["json"]["objects"]
 
 The package's decoders of images make 8-bit RGB of all of them, so images with other numbers are arrays. Hugging Face's
-``datasets`` takes the types of all columns from the first samples, so the first one has objects, if any has.
+``datasets`` takes the types of all columns from the first five samples: the first ones have what others lack.
 """
 
 from __future__ import annotations
 
 import gzip
 import io
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
 import msgspec
 import numpy as np
 import webdataset
+from numpy.typing import NDArray
 
 from scenegate.datasets import manifest
 from scenegate.datasets.dataset import Dataset, Sample
@@ -39,19 +40,35 @@ def write(dataset: Dataset, folder: Path, samples: Iterator[Sample]) -> None:
     with webdataset.ShardWriter(
         pattern, maxcount=SHARD_SAMPLES, maxsize=SHARD_BYTES, verbose=0, encoder=False, mtime=0.0
     ) as writer:
-        first = next((k for k, each in enumerate(dataset) if any(o.visible_pixels for o in each.objects)), 0)
-        if len(dataset):
-            writer.write(_files(first, dataset[first]))
+        types = dataset.description.settings.types
+        first = _complete_samples(dataset)
+        for index in first:
+            writer.write(_files(index, dataset[index], types))
         for index, sample in enumerate(samples):
-            if index != first:
-                writer.write(_files(index, sample))
+            if index not in first:
+                writer.write(_files(index, sample, types))
 
 
-def _files(index: int, sample: Sample) -> dict[str, str | bytes]:
+def _complete_samples(dataset: Dataset) -> list[int]:
+    """Return the numbers of up to three samples that together have all that is None, or missing, in others."""
+    types = len(dataset.description.settings.types)
+    tests: tuple[Callable[[Sample], bool], ...] = (
+        lambda sample: any(record.visible_pixels for record in sample.objects),
+        lambda sample: sample.record.camera.far is not None,
+        lambda sample: len(sample.record.images) == types,
+    )
+    found = (next((k for k, sample in enumerate(dataset) if test(sample)), None) for test in tests)
+    return list(dict.fromkeys(k for k in found if k is not None))
+
+
+def _files(index: int, sample: Sample, types: Sequence[ImageType]) -> dict[str, str | bytes]:
     """Return the files of a sample by extension, and its key. Paths are text: loaders want lists of one type."""
     objects = tuple(msgspec.structs.replace(each, path=tuple(map(str, each.path))) for each in sample.objects)
     record = msgspec.structs.replace(sample.record, objects=objects)
     files = dict(_file(sample, image_type) for image_type in sample.record.images)
+    if "flow" in types and "flow" not in sample.record.images:  # the last view of a scene
+        camera = sample.record.camera
+        files |= [_array_file("flow", np.full((camera.height, camera.width, 2), np.nan, np.float32))]
     return {"__key__": f"{index:08d}", "json": manifest.encode(record), **files}
 
 
@@ -59,6 +76,11 @@ def _file(sample: Sample, image_type: ImageType) -> tuple[str, bytes]:
     """Return the extension and content of a file with an image."""
     if image_type in FILE_TYPES:
         return f"{image_type}{sample.path(image_type).suffix}", sample.file_bytes(image_type)
+    return _array_file(image_type, sample.image(image_type))
+
+
+def _array_file(image_type: ImageType, pixels: NDArray[Any]) -> tuple[str, bytes]:
+    """Return the extension and content of a file with an array."""
     data = io.BytesIO()
-    np.save(data, sample.image(image_type))
+    np.save(data, pixels)
     return f"{image_type}.npy.gz", gzip.compress(data.getvalue(), 1, mtime=0)
