@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scenegate.camera import image_interface_pb2 as pb
-from scenegate.camera.files import disparity_to_rgb, preview, save
+from scenegate.camera.files import disparity_to_rgb, intrinsics, points, preview, save
 
 BLUE, RED, BLACK = (48, 18, 59), (122, 4, 3), (0, 0, 0)
 """Ends of the colour scale, and invalid pixels."""
@@ -35,6 +35,27 @@ def test_cells_are_side_by_side_in_order() -> None:
     assert shown[0, 12].tolist() == [255, 255, 255]
     for background in (shown[:, 2:6], shown[1:, 6:8], shown[:, 8:12], shown[1:, 12:]):
         assert not background.any()
+
+
+def test_points_are_those_of_the_disparity_with_colours_of_the_left_image() -> None:
+    stored = np.array([[0, 64, 32], [16, 0, 8]], np.uint16)
+    image = message(stored)
+    image.focal_length, image.principal_point_u, image.principal_point_v = 3.0, 1.5, 1.0
+    disparity = pb.DisparityImage(image=image, scale=1 / 16, baseline=0.5)
+    left = np.arange(4 * 6 * 3, dtype=np.uint8).reshape(4, 6, 3)
+    found = points(pb.ImageSet(disparity=disparity, left=message(left)))
+    assert (found.mask == (stored > 0)).all()
+    z = 3.0 * 0.5 / (stored[stored > 0] / 16)
+    rows, columns = np.nonzero(stored)
+    expected = np.stack(((columns + 0.5 - 1.5) * z / 3, (rows + 0.5 - 1.0) * z / 3, z), axis=1)
+    np.testing.assert_allclose(found.xyz, expected, rtol=1e-6)
+    assert found.rgb is not None
+    np.testing.assert_array_equal(found.rgb, left[2 * rows + 1, 2 * columns + 1])
+    alone = points(disparity)
+    assert alone.rgb is None
+    np.testing.assert_array_equal(alone.xyz, found.xyz)
+    assert intrinsics(image)[:2, 2].tolist() == [1.5, 1.0]
+    assert intrinsics(image, opencv=True)[:2, 2].tolist() == [1.0, 0.5]
 
 
 def test_the_folder_may_be_a_text(tmp_path: Path) -> None:

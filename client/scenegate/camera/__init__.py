@@ -12,9 +12,11 @@ except ImportError as _error:
     raise ImportError(f"{_error}; the camera needs pip install 'scenegate-client[camera]'") from None
 
 from scenegate.camera.files import BadImageError as BadImageError
+from scenegate.camera.files import Points as Points
 from scenegate.camera.files import depth as depth
 from scenegate.camera.files import intrinsics as intrinsics
 from scenegate.camera.files import pixels as pixels
+from scenegate.camera.files import points as points
 from scenegate.camera.files import preview as preview
 from scenegate.camera.files import save as save
 from scenegate.camera.stream import StreamOptions as StreamOptions

@@ -8,7 +8,7 @@ from __future__ import annotations
 import base64
 import math
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -98,6 +98,44 @@ def depth(disparity: pb.DisparityImage) -> NDArray[np.float32]:
     return np.asarray(metres, np.float32)
 
 
+class Points(NamedTuple):
+    """Points of the valid pixels of a disparity image, row by row."""
+
+    xyz: NDArray[np.float32]
+    """(N, 3), metres in the left camera's optical frame: +X right, +Y down, +Z forward."""
+    rgb: NDArray[np.uint8] | None
+    """(N, 3), colours of the left image, grey or RGB; None if the set has no left image."""
+    mask: NDArray[np.bool_]
+    """(H, W), True for the pixels of the disparity image that have a point."""
+
+
+def points(images: pb.ImageSet | pb.DisparityImage) -> Points:
+    """Return the points that a set or a disparity image has measured. See ``pixels`` for errors."""
+    is_set = hasattr(images, "disparity")
+    disparity, left = (images.disparity, images.left) if is_set else (images, None)
+    z = depth(disparity)
+    mask = np.isfinite(z)
+    rows, columns = np.nonzero(mask)
+    K, z = intrinsics(disparity.image, opencv=True).astype(np.float32), z[mask]
+    xyz = np.stack(((columns - K[0, 2]) * z / K[0, 0], (rows - K[1, 2]) * z / K[1, 1], z), axis=1)
+    rgb = None if left is None or not left.data else colors_at(pixels(left), mask)
+    return Points(xyz.astype(np.float32), rgb, mask)
+
+
+def colors_at(image: NDArray[np.uint8], mask: NDArray[np.bool_]) -> NDArray[np.uint8]:
+    """Return the colours, (N, 3) RGB, of an image at the pixels of a mask of the same view.
+
+    Args:
+        image: (H, W) or (H, W, 3); it may be larger than the mask.
+    """
+    indices = (
+        (2 * each + 1) * sides[0] // (2 * sides[1])
+        for each, sides in zip(np.nonzero(mask), zip(image.shape, mask.shape, strict=False), strict=True)
+    )
+    found = image[tuple(indices)]
+    return found if found.ndim == 2 else np.repeat(found[:, None], 3, axis=1)
+
+
 def save(image_set: pb.ImageSet, folder: str | Path, *, exposure: bool = False, gpio: bool = False) -> None:
     """Write each image as PNG, the mesh as PLY, and an npz with all images and their parameters.
 
@@ -183,11 +221,16 @@ def _gpio_suffix(image: pb.Image) -> str:
     return f"_{states(image.gpios.outputs)}_{states(image.gpios.inputs)}"
 
 
-def intrinsics(image: pb.Image) -> NDArray[np.float64]:
-    """Return the camera matrix of an image in pixels, (3, 3). See ``pixels`` for errors."""
+def intrinsics(image: pb.Image, *, opencv: bool = False) -> NDArray[np.float64]:
+    """Return the camera matrix of an image in pixels, (3, 3). See ``pixels`` for errors.
+
+    Args:
+        opencv: True: the centre of the first pixel is (0, 0), as in OpenCV and Open3D; False: it is (0.5, 0.5).
+    """
     _check_message(image, "focal_length", "images.left or images.disparity.image")
-    f = image.focal_length
-    return np.array(((f, 0, image.principal_point_u), (0, f, image.principal_point_v), (0, 0, 1)), np.float64)
+    f, first = image.focal_length, 0.5 if opencv else 0.0
+    u, v = image.principal_point_u - first, image.principal_point_v - first
+    return np.array(((f, 0, u), (0, f, v), (0, 0, 1)), np.float64)
 
 
 def preview(image_set: pb.ImageSet) -> NDArray[np.uint8]:

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scenegate.camera import image_interface_pb2 as pb
-from scenegate.camera.files import nanoseconds, pixels
+from scenegate.camera.files import colors_at, nanoseconds, pixels
 from scenegate.recording.values import LEFT_FRAME, Calibration, CameraImage, Cloud, Disparity, Encoding, ExposureImages
 
 OPENCV_OFFSET = 0.5
@@ -97,7 +97,6 @@ def _depth(disparity: Disparity) -> NDArray[np.float32]:
 def _cloud(depth: NDArray[np.float32], disparity: Disparity, left: pb.Image | None) -> Cloud:
     """Return the points of the valid pixels, in the left optical frame; with colours if there is a left image."""
     calibration = disparity.image.calibration
-    height, width = depth.shape
     valid = np.isfinite(depth)
     rows, columns = np.nonzero(valid)
     z = depth[valid]
@@ -105,11 +104,5 @@ def _cloud(depth: NDArray[np.float32], disparity: Disparity, left: pb.Image | No
     y = (rows.astype(np.float32) - np.float32(calibration.cy)) * z / np.float32(calibration.focal_length)
     colors = None
     if left is not None:
-        image = pixels(left)
-        # The left image may be larger than the disparity image: the pixels at the same places of the view.
-        image_rows = (rows * 2 + 1) * image.shape[0] // (2 * height)
-        image_columns = (columns * 2 + 1) * image.shape[1] // (2 * width)
-        sampled = image[image_rows, image_columns]
-        is_color = sampled.ndim == 2
-        colors = sampled if is_color else np.repeat(sampled[:, None], 3, axis=1)
+        colors = colors_at(pixels(left), valid)
     return Cloud(LEFT_FRAME, np.stack((x, y, z), axis=1), colors)
