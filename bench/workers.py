@@ -1,6 +1,6 @@
-"""Throughput of `scenegate serve --only render --workers N` for several N, as a table and a plot.
+"""Throughput of `scenegate serve --only render --workers N` for several N, as a table.
 
-    python -m bench.workers --workers 1,2,4,8,16 [--clients N] [--threads N] [--turns N] [--plot FILE.svg]
+    python -m bench.workers --workers 1,2,4,8,16 [--clients N] [--threads N] [--turns N]
 
 All servers run at once and get the same requests in turns, so that other programs on the machine affect them
 equally. The clients are processes on the same machine and use some of its cores. Columns:
@@ -25,7 +25,6 @@ import urllib.error
 import urllib.request
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack
-from pathlib import Path
 
 from bench import render_requests
 from bench.concurrency import percentile
@@ -93,43 +92,6 @@ def median(results: Sequence[LoadResult], figure: Callable[[LoadResult], float])
     return statistics.median(map(figure, results))
 
 
-def plot(rates: Mapping[str, Mapping[int, float]]) -> str:
-    """Return a plot of throughput by number of workers as SVG. A dashed line shows proportional growth.
-
-    Args:
-        rates: renders/s by name of the scene and number of workers. They are plotted relative to the fewest workers.
-    """
-    width, height, margin = 720, 420, 60
-    counts = sorted(next(iter(rates.values())))
-    max_factor = max(counts[-1] / counts[0], 1.0)
-
-    def point(workers: float, factor: float) -> str:
-        """Return a point of the plot as "x,y", pixels."""
-        x = margin + (width - 2 * margin) * (workers - counts[0]) / max(counts[-1] - counts[0], 1)
-        return f"{x:.0f},{height - margin - (height - 2 * margin) * factor / max_factor:.0f}"
-
-    parts = [f'<text x="{margin}" y="24">Throughput by number of workers, relative to {counts[0]}</text>']
-    parts.append(
-        f'<polyline points="{point(counts[0], 1)} {point(counts[-1], max_factor)}" stroke="#bbb" stroke-dasharray="4"/>'
-    )
-    for workers in counts:
-        x, y = point(workers, 0).split(",")
-        parts.append(f'<text x="{x}" y="{int(y) + 20}" text-anchor="middle">{workers}</text>')
-    for step in range(5):
-        x, y = point(counts[0], max_factor * step / 4).split(",")
-        parts.append(f'<text x="{int(x) - 10}" y="{int(y) + 4}" text-anchor="end">{max_factor * step / 4:g}×</text>')
-        parts.append(f'<line x1="{x}" x2="{width - margin}" y1="{y}" y2="{y}" stroke="#eee"/>')
-    for number, (name, by_count) in enumerate(rates.items()):
-        color = ("#1f6fb4", "#d9822b", "#2a9d5c", "#a03da0")[number % 4]
-        line = " ".join(point(workers, by_count[workers] / by_count[counts[0]]) for workers in counts)
-        parts.append(f'<polyline points="{line}" stroke="{color}" stroke-width="2"/>')
-        parts.append(f'<text x="{margin + 14}" y="{48 + 18 * number}" fill="{color}">{name}</text>')
-    style = "text{font:13px sans-serif}polyline{fill:none}"
-    box = f'viewBox="0 0 {width} {height}" width="{width}" height="{height}"'
-    background = '<rect width="100%" height="100%" fill="#fff"/>'
-    return f'<svg xmlns="http://www.w3.org/2000/svg" {box}><style>{style}</style>{background}{"".join(parts)}</svg>\n'
-
-
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--workers", default="1,2", help="numbers of processes, separated by commas")
@@ -137,7 +99,6 @@ def main() -> None:
     parser.add_argument("--threads", type=int, default=0, help="threads of each process; default: cores / workers")
     parser.add_argument("--requests", type=int, default=96, help="number of requests to each server in each turn")
     parser.add_argument("--turns", type=int, default=5)
-    parser.add_argument("--plot", type=Path, help="SVG file to write")
     options = parser.parse_args()
     counts = [int(text) for text in options.workers.split(",")]
     clients = options.clients or max(4, 2 * max(counts))
@@ -163,8 +124,6 @@ def main() -> None:
                 cells += f"| {ratio * counts[0] / workers:.0%} | {server:.1f} + {client:.1f} "
                 cells += f"| {1e3 * usable_cpus() / (server + client):.0f} | {busy:.2f} | {others:.2f}"
                 print(f"| {name} | {workers} | {cells} |", flush=True)
-    if options.plot is not None:
-        options.plot.write_text(plot(rates), "utf-8")
 
 
 if __name__ == "__main__":
