@@ -42,10 +42,12 @@ async def not_found(request: Request, error: Exception) -> Response:
     path = request.url.path
     if (name := path.rstrip("/").rpartition("/")[2]) and path.endswith("/"):
         return redirect(f"../{quote(name)}", request.url.query, 307)
-    path = path[:_MAX_ECHO]
-    return PlainTextResponse(
-        f"Nothing is at {path} here. /docs describes what there is; /healthz tells which interfaces run.\n", 404
+    sentence = (
+        f"Nothing is at {path[:_MAX_ECHO]} here. /docs describes what there is; /healthz tells which interfaces run."
     )
+    if path.startswith(JSON_PATHS):
+        return JSONResponse({"message": sentence, "return_code": {"value": -1, "message": sentence}}, 404)
+    return PlainTextResponse(f"{sentence}\n", 404)
 
 
 async def invalid_parameters(request: Request, error: Exception) -> Response:

@@ -308,5 +308,8 @@ async def test_404_points_to_the_docs() -> None:
     app.add_exception_handler(404, not_found)
     async with httpx2.AsyncClient(transport=httpx2.ASGITransport(app=app), base_url="http://here") as http:
         answer = await http.get("/nothing?here=1")
+        of_the_device = await http.get("/api/v2/nothing")
     assert answer.status_code == 404
     assert answer.text.startswith("Nothing is at /nothing here. /docs describes what there is")
+    assert of_the_device.status_code == 404
+    assert of_the_device.json()["return_code"] == {"value": -1, "message": of_the_device.json()["message"]}

@@ -13,6 +13,7 @@ from fastapi.responses import JSONResponse, PlainTextResponse, Response
 from gateway.adapters.stereo.routes import device_content as device
 from gateway.adapters.stereo.routes.rest_common import error_response, error_responses, new_router
 from gateway.adapters.stereo.service import StereoService
+from gateway.runtime.http.error_handlers import redirect
 from gateway.runtime.http.openapi import example, json_example
 from gateway.runtime.logs.recent_logs import MAX_ENTRIES, LogEntry, stereo_log
 
@@ -48,6 +49,10 @@ def system_router(*services: StereoService) -> APIRouter:
 
     for version in ("v1", "v2"):
         _add_common_routes(routes, f"/api/{version}", services)
+
+    @routes.get("/api/swagger", include_in_schema=False)  # the address of the device's description
+    async def swagger() -> Response:
+        return redirect("../docs", "", 307)
 
     @routes.get("/api/v2/pipelines", summary="Pipelines: one per camera", responses=json_example({"0": _PIPELINE}))
     async def pipelines() -> Any:

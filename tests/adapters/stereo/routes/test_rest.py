@@ -170,6 +170,11 @@ async def test_unknown_things_are_404(rest_client: httpx.AsyncClient) -> None:
     assert (await rest_client.get(f"{V2}/rc_camera/parameters", params={"name": "x"})).status_code == 404
 
 
+async def test_the_devices_address_of_the_description_leads_to_ours(rest_client: httpx.AsyncClient) -> None:
+    found = await rest_client.get("/api/swagger")
+    assert (found.status_code, found.headers["location"]) == (307, "../docs")
+
+
 async def test_status_values_are_strings(rest_client: httpx.AsyncClient, camera: Camera) -> None:
     await camera.take(left_enabled=True, disparity_enabled=True)
     for node, wanted in (
