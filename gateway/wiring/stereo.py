@@ -45,7 +45,6 @@ from renderers.drawlist import Light
 from renderers.light_rig import Rig
 from renderers.stereo.depth.depth_images import DepthImages
 from renderers.stereo.model import DISPARITY_SCALE
-from renderers.stereo.realism import REALISM_PARTS, RealismPart
 from renderers.stereo.sensor.camera_image import NoiseStream
 
 _VIEW_IMAGES: Final = SetKind(left=True, right=True, disparity=True, confidence=True, color=True)
@@ -221,16 +220,9 @@ def config_of(settings: Settings, number: int = 0, camera: MountedCamera | None 
         background=settings.background,
         alpha_threshold=settings.alpha_threshold,
         faults=settings.stereo_faults,
-        realism=realism_of(settings),
+        realism=frozenset(settings.stereo_realism),
         light=settings.stereo_light,
     )
-
-
-def realism_of(settings: Settings) -> frozenset[RealismPart]:
-    """Return the parts of ``--stereo-realism``; by default all for the demo scene, and none for others."""
-    if settings.stereo_realism is None:
-        return frozenset(REALISM_PARTS if settings.demo else ())
-    return frozenset(settings.stereo_realism)
 
 
 class StereoSensor:

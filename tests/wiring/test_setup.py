@@ -40,6 +40,7 @@ from renderers.drawlist import Material
 from renderers.raster import CpuRenderer
 from renderers.stereo.light.levels import LightLevels
 from renderers.stereo.model import StereoModel
+from renderers.stereo.realism import REALISM_PARTS
 from scenegate.messages.geometry import Box
 from tests.support.waiting import until
 
@@ -209,6 +210,7 @@ def test_configuration_of_the_stereo_camera(tmp_path: Path) -> None:
     assert replace(config, tls=None) == StereoConfig(
         host="127.0.0.2",
         port=1234,
+        realism=frozenset(REALISM_PARTS),
         model=read_profile("rc_visard_65m").model,
         color=False,
         depth_mode="matched",

@@ -9,7 +9,7 @@ import pytest
 
 from gateway.adapters.stereo.device.camera_config import StereoConfig
 from gateway.runtime.settings import Settings, SettingsError, load
-from gateway.wiring.stereo import config_of, realism_of
+from gateway.wiring.stereo import config_of
 from renderers.stereo.realism import REALISM_PARTS
 from renderers.stereo.sensor.camera_image import NoiseStream, frame_key
 from renderers.stereo.sensor.exposure import Exposure
@@ -19,7 +19,7 @@ from tests.adapters.stereo.conftest import SMALL, Start, pixels
 
 def test_the_defaults_are_the_device_s() -> None:
     config = config_of(Settings(grpc_port=50051))
-    assert config == StereoConfig(background=config.background)
+    assert config == StereoConfig(background=config.background, realism=frozenset(REALISM_PARTS))
 
 
 def test_image_noise_is_a_factor() -> None:
@@ -42,17 +42,15 @@ async def test_meshes_with_colours_for_trimesh_and_open3d(start: Start) -> None:
     assert 0.5 < image_set.left.noise < 3.0
 
 
-def test_realism_is_off_but_for_the_demo(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    assert realism_of(load()) == frozenset()
-    assert realism_of(load({"demo": True})) == frozenset(REALISM_PARTS)
-    assert realism_of(load({"demo": True, "stereo_realism": "off"})) == frozenset()
-    assert realism_of(load({"stereo_realism": "all"})) == frozenset(REALISM_PARTS)
+def test_realism_is_all_by_default(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    assert config_of(load()).realism == {*REALISM_PARTS}
+    assert config_of(load({"stereo_realism": "off"})).realism == frozenset()
     monkeypatch.setenv("SCENEGATE_STEREO_REALISM", "vignetting,shadows")
     assert config_of(load()).realism == {"vignetting", "shadows"}
     monkeypatch.delenv("SCENEGATE_STEREO_REALISM")
     path = tmp_path / "camera.toml"
     path.write_text('stereo_realism = ["projector"]\n')
-    assert realism_of(load(config=path)) == {"projector"}
+    assert config_of(load(config=path)).realism == {"projector"}
     with pytest.raises(
         SettingsError, match=r"--stereo-realism: 'haze' is not a part; use 'off', 'all' or some of shad"
     ):
