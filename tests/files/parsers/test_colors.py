@@ -25,7 +25,13 @@ KINDS: dict[str, tuple[str, Any]] = {
     "double": ("d", COLORS.astype(float)),
 }
 """Type of a property: its code in ``struct``, and the values of ``COLORS`` (``double``: from 0 to 255)."""
-NAMES = [("red", "green", "blue"), ("diffuse_red", "diffuse_green", "diffuse_blue"), ("r", "g", "b"), ("R", "G", "B")]
+NAMES = [
+    ("red", "green", "blue"),
+    ("diffuse_red", "diffuse_green", "diffuse_blue"),
+    ("r", "g", "b"),
+    ("R", "G", "B"),
+    ("diffuse_r", "diffuse_g", "diffuse_b"),
+]
 ENCODINGS = {"ascii": "ascii", "<": "binary_little_endian", ">": "binary_big_endian"}
 
 
@@ -105,6 +111,30 @@ def test_each_face_of_a_ply_has_its_own_color(order: str, kind: str, names: tupl
         np.testing.assert_array_equal(colors[:, :, :3], np.repeat(expected[:, None], 3, axis=1))
         fans = [(face[0], face[k], face[k + 1]) for face in faces for k in range(1, len(face) - 1)]
         np.testing.assert_array_equal(positions, np.array(CORNERS, np.float32)[np.array(fans)])
+
+
+@pytest.mark.parametrize("order", ENCODINGS)
+@pytest.mark.parametrize("spelling", ["vertex_indices", "indices"])
+def test_lists_before_colored_vertices(order: str, spelling: str) -> None:
+    header = (
+        f"ply\nformat {ENCODINGS[order]} 1.0\nelement face 2\nproperty list uchar int {spelling}\n"
+        "element camera 2\nproperty list uchar short m\nelement vertex 5\nproperty float X\nproperty float Y\n"
+        "property float Z\nproperty list uchar uchar near\nproperty  uchar\tRed\nproperty uchar Green\n"
+        "property uchar Blue\nend_header\n"
+    )
+    rows: list[tuple[str, tuple[float, ...]]] = [
+        ("B4i", (4, *FACES[0])),
+        ("B3i", (3, *FACES[1])),
+        ("B2h", (2, 7, 8)),
+        ("Bh", (1, 9)),
+    ]
+    for number, corner in enumerate(CORNERS):
+        rows.append((f"3f{2 + number}B3B", (*corner, 1 + number, *[9] * (1 + number), *COLORS[number].tolist())))
+    text = "".join(" ".join(map(str, values)) + "\n" for _, values in rows).encode()
+    body = text if order == "ascii" else b"".join(struct.pack(order + code, *values) for code, values in rows)
+    colors, positions = colors_of(header.encode() + body)
+    check_vertices(colors, positions)
+    assert len(positions) == 3
 
 
 def test_faces_of_missing_vertices_are_left_out_with_their_color() -> None:
