@@ -82,8 +82,9 @@ class RobotFiles:
     def find(self, name: str) -> Path:
         """Return the path of a file that the robot file names.
 
-        If no file has the literal name, backslashes are read as slashes, then URL escapes (``%20``) are decoded. An
-        absolute path of another machine, ``/…/share/NAME/rest`` or ``/…/NAME/meshes/…``, is that of a package's file.
+        If no file has the literal name, backslashes are read as slashes, then URL escapes (``%20``) are decoded. A
+        path of another machine, ``/…/share/NAME/rest`` or ``/…/NAME/meshes/…``, is that of a package's file;
+        at last, each of its folders is taken for the package.
 
         Args:
             name: File name or URL.
@@ -98,7 +99,7 @@ class RobotFiles:
                 if candidate.is_file():
                     return Path(os.path.realpath(candidate))
                 missing.append(candidate)
-        for package, path_in_package in _split_path(scheme, spellings(rest)[-1]):
+        for package, path_in_package, _ in _split_path(scheme, spellings(rest)[-1]):
             for folder in self._package_folders(package):
                 if (folder / path_in_package).is_file():
                     start = name.partition(package)[0] + package
@@ -219,7 +220,7 @@ class RobotFiles:
             package, _ = _split_package(name.partition("://")[2])
             start = ""
         else:
-            package = next((package for package, _ in _split_path(*split_url(name))), "")
+            package = next((package for package, _, is_likely in _split_path(*split_url(name)) if is_likely), "")
             start = "there is no such file, and "
             if not package:
                 return "there is no such file"
@@ -253,13 +254,18 @@ def _split_package(path: str) -> tuple[str, str]:
     return package, path_in_package.lstrip("/")
 
 
-def _split_path(scheme: str, path: str) -> Iterator[tuple[str, str]]:
-    """Yield the packages in whose folder a file with an absolute path may be, each with the path in it."""
+def _split_path(scheme: str, path: str) -> Iterator[tuple[str, str, bool]]:
+    """Yield the packages in whose folder a file of another machine may be, likely ones first.
+
+    Yields:
+        Package, path in it, and True if it is likely.
+    """
     parts = path.replace("\\", "/").split("/")
-    if scheme == "file" or (not scheme and (parts[0] == "" or parts[0].endswith(":"))):
-        for index, part in enumerate(parts[:-1]):
-            if part not in _NOT_PACKAGES and (parts[index - 1] == "share" or parts[index + 1] == "meshes"):
-                yield part, "/".join(parts[index + 1 :])
+    if scheme == "file" or (not scheme and (parts[0] in ("", "..", "~") or parts[0].endswith(":"))):
+        likely = [parts[index - 1] == "share" or parts[index + 1] == "meshes" for index in range(len(parts) - 1)]
+        for index in sorted(range(len(likely)), key=lambda each: not likely[each]):
+            if parts[index] not in _NOT_PACKAGES:
+                yield parts[index], "/".join(parts[index + 1 :]), likely[index]
 
 
 def _files_of_config(config: Path) -> list[str]:

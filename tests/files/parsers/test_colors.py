@@ -186,3 +186,22 @@ def test_the_material_of_an_obj_file_multiplies_its_colors() -> None:
     (shape,) = result.shapes
     assert shape.color == pytest.approx((128 / 255, 128 / 255, 128 / 255, 1), abs=1 / 255)
     assert np.frombuffer(shape.colors or b"", np.uint8).reshape(-1, 4)[:, :3].tolist() == (255 * np.eye(3)).tolist()
+
+
+@pytest.mark.parametrize(
+    ("libraries", "kd"),
+    [
+        ("mtllib other.mtl\nmtllib m.mtl\n", "Kd 1 0.2 0"),
+        ("mtllib other.mtl m.mtl\n", "Kd 1 0.2 0 # orange"),
+        ("mtllib my m.mtl\n", "Kd\t1 0.2 0"),
+    ],
+)
+def test_materials_of_several_mtl_files(libraries: str, kd: str) -> None:
+    files = {"other.mtl": "newmtl gray\nKd 0.4\n", "m.mtl": f"newmtl m # first\r\n{kd}\r\n"}
+    files["my m.mtl"] = files["other.mtl"] + files["m.mtl"]
+    text = f"{libraries}v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nusemtl m\nf 1 2 3\nusemtl gray\nf 1 2 4\n"
+    result = read_mesh(lambda name: files[name].encode(), text.encode(), "obj", LIMITS)
+    assert isinstance(result, MeshData)
+    colors = sorted(shape.color for shape in result.shapes if shape.color)
+    assert colors == [pytest.approx((0.4, 0.4, 0.4, 1)), pytest.approx((1, 0.2, 0, 1))]
+    assert result.warnings == []
