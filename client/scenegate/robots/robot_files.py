@@ -10,7 +10,7 @@ import hashlib
 import itertools
 import os
 import re
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Final
 
@@ -46,12 +46,14 @@ class RobotFiles:
         roots: Iterable[Path],
         limits: RobotFileLimits,
         check_cancelled: Callable[[], object] = lambda: None,
+        xacro_args: Mapping[str, str] | None = None,
     ) -> None:
         """
         Args:
             path: The robot file, which may be a pipe.
             roots: Folders to search for packages, and for relative file names.
             check_cancelled: Called again and again while a pipe is read; may raise an exception to cancel it.
+            xacro_args: Values of ``$(arg name)`` by name, in the robot file and in what it includes.
         """
         self._check_cancelled = check_cancelled
         self.is_pipe = is_pipe(path)
@@ -66,6 +68,9 @@ class RobotFiles:
         self._packages = Packages(self._package_roots)
         self._limits = limits
         self._remaining_bytes = limits.max_total_bytes
+        self.xacro_args: Final = xacro_args or {}
+        self.used_args: set[str] = set()
+        """Names of arguments that the files have."""
         self.notes: list[str] = []
         """A sentence for each package whose files are named by a path on another machine."""
         self.digests: dict[str, str] = {}
