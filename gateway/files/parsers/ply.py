@@ -154,47 +154,68 @@ def with_triangles(data: bytes) -> bytes:
     if drawn is not None:
         drawn.index_list()  # raises
     is_plain = drawn is None or drawn.name == "face"
-    places = [len(header) + len(end)]
+    places, unequal = [len(header) + len(end)], {}
     for element in elements:
         end_place = _end_of_equal_rows(data, places[-1], element, 4 if element is drawn else None)
-        is_plain &= end_place is not None
-        places.append(_values(data, places[-1], element)[2] if end_place is None else end_place)
+        if end_place is None:
+            is_plain = False
+            unequal[element.name] = _values(data, places[-1], element)
+            end_place = unequal[element.name][2]
+        places.append(end_place)
     if is_plain:
         return data
     text, body = "\n".join(lines[: elements[0].line]), b""
     for element, place in zip(elements, places, strict=False):
         if element is drawn or element.name == "vertex":
-            columns = _triangles(data, place, element, order) if element is drawn else _scalars(data, place, element)
+            lengths, starts, _ = unequal.get(element.name) or _values(data, place, element)
+            columns = _scalars(data, place, element, lengths, starts)
+            if element is drawn:
+                columns = _triangles(data, element, lengths, starts, columns, order)
             element_text, rows = _table("face" if element is drawn else "vertex", columns)
             text, body = f"{text}\n{element_text}", body + rows
     return f"{text}\nend_header\n".encode("latin-1") + body
 
 
-def _triangles(data: bytes, place: int, element: _Element, order: str) -> list[tuple[str, NDArray[Any]]]:
+def _triangles(
+    data: bytes,
+    element: _Element,
+    all_lengths: NDArray[np.int64],
+    places: NDArray[np.int64],
+    scalars: list[tuple[str, NDArray[Any]]],
+    order: str,
+) -> list[tuple[str, NDArray[Any]]]:
     """Return names and values of the triangles' properties: ``vertex_indices``, (M, 3), and the scalars of faces, (M,).
 
+    Args:
+        all_lengths, places: See ``_values``.
+        scalars: See ``_scalars``.
+
     Raises:
-        ValueError: There are none, or the file is too short.
+        ValueError: There are none.
     """
     index_list, index = element.index_list()
-    all_lengths, places, _ = _values(data, place, element)
     lengths = all_lengths[:, index_list]
     indices = _array(data, lengths, places[:, index_list], index).astype(np.int64)
-    scalars: list[tuple[str, NDArray[Any]]] = []
     if element.name == "face":
         triangles = triangles_of_polygons(indices, np.cumsum(lengths) - lengths, lengths)
         face = np.repeat(np.arange(len(lengths)), np.maximum(lengths - 2, 0))
-        scalars = [(name, values[face]) for name, values in _scalars(data, place, element)]
+        scalars = [(name, values[face]) for name, values in scalars]
     else:
-        triangles = triangles_of_strip(np.insert(indices, np.cumsum(lengths), -1))
+        triangles, scalars = triangles_of_strip(np.insert(indices, np.cumsum(lengths), -1)), []
     if not len(triangles):
         raise ValueError(f"its {element.count} elements {element.name!r} have no triangles")
     return [("vertex_indices", triangles.astype(f"{order}{index.kind}4")), *scalars]
 
 
-def _scalars(data: bytes, place: int, element: _Element) -> list[tuple[str, NDArray[Any]]]:
-    """Return names and values, (count,), of the properties of an element that are not lists."""
-    lengths, places, _ = _values(data, place, element)
+def _scalars(
+    data: bytes, place: int, element: _Element, lengths: NDArray[np.int64], places: NDArray[np.int64]
+) -> list[tuple[str, NDArray[Any]]]:
+    """Return names and values, (count,), of the properties of an element that are not lists.
+
+    Args:
+        place: Place of the element's data in the file.
+        lengths, places: See ``_values``; empty if the element has no lists.
+    """
     if not len(lengths):
         row = np.dtype([(f"f{number}", values) for number, (_, values, _) in enumerate(element.properties)])
         rows = np.frombuffer(data, row, element.count, place)
