@@ -113,7 +113,9 @@ def view_hint(renderer: Renderer, scene: LoadedScene, camera: Camera) -> str | N
     X = camera.X_camera_world
     x, y, z = (corners_of(bounds) @ X[:3, :3].T + X[:3, 3]).T
     u, v = camera.fx * x + camera.cx * z, camera.fy * y + camera.cy * z
-    if ((z > 0.0) & (u > 0.0) & (u < camera.width * z) & (v > 0.0) & (v < camera.height * z)).all():
+    if (
+        (z > camera.near) & (z < camera.far) & (u > 0.0) & (u < camera.width * z) & (v > 0.0) & (v < camera.height * z)
+    ).all():
         return None
     depth = renderer.render(scene.draw_list, camera, Output.DEPTH, BASE_COLOR_LOOK).depth
     assert depth is not None

@@ -18,17 +18,18 @@ from renderers.raster import CpuRenderer
 
 
 @pytest.mark.parametrize(
-    ("scale", "eye", "hint"),
+    ("scale", "eye", "far", "hint"),
     [
-        (1.0, (3000.0, -2.0, 1.0), "the scene spans 1 km; --scale 0.001"),
-        (1.0, (3.0, -2.0, 1.0), "nothing in view; the scene spans 1 km; --scale 0.001"),
-        (0.001, (3.0, -2.0, 1.0), None),
-        (0.001, (30.0, -2.0, 1.0), "nothing in view; the scene spans 1 m"),
-        (1.0, (3000.0, -2000.0, 500.0), None),
+        (1.0, (3000.0, -2.0, 1.0), np.inf, "the scene spans 1 km; --scale 0.001"),
+        (1.0, (3.0, -2.0, 1.0), np.inf, "nothing in view; the scene spans 1 km; --scale 0.001"),
+        (0.001, (3.0, -2.0, 1.0), np.inf, None),
+        (0.001, (30.0, -2.0, 1.0), np.inf, "nothing in view; the scene spans 1 m"),
+        (1.0, (3000.0, -2000.0, 500.0), np.inf, None),
+        (1.0, (3000.0, -2000.0, 500.0), 10.0, "nothing in view; the scene spans 1 km; --scale 0.001"),
     ],
 )
 def test_a_scene_in_millimetres(
-    tmp_path: Path, scale: float, eye: tuple[float, float, float], hint: str | None
+    tmp_path: Path, scale: float, eye: tuple[float, float, float], far: float, hint: str | None
 ) -> None:
     mesh = box()
     corners = mesh.positions * np.float32(1000.0) + np.array((3000, 0, 0), np.float32)
@@ -37,7 +38,7 @@ def test_a_scene_in_millimetres(
     (source,) = find_sources([tmp_path / "mm.obj"])
     scene = load_scene(source, SceneOptions(scale=scale))
     X_world_camera = look_at(eye, (eye[0], 0.0, 0.0), (0.0, 0.0, 1.0))
-    camera = Camera(80, 60, 70.0, 70.0, 40.0, 30.0, 0.01, np.inf, X_world_camera)
+    camera = Camera(80, 60, 70.0, 70.0, 40.0, 30.0, 0.01, far, X_world_camera)
     found = view_hint(CpuRenderer(1), scene, camera)
     if hint is None:
         assert found is None

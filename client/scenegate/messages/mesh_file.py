@@ -23,6 +23,10 @@ MAX_FILES: Final = 1000
 _MATERIAL_FILE: Final = re.compile(rb"^[ \t]*mtllib[ \t]+([^\r\n]+)", re.MULTILINE)
 _MATERIAL_IMAGE: Final = re.compile(rb"^[ \t]*(?:map_\w+|bump|disp|decal|norm|refl)[ \t]+([^\r\n]+)", re.MULTILINE)
 _COLLADA_IMAGE: Final = re.compile(rb"<init_from>\s*(?:<ref>\s*)?([^<]+)<")
+_PLY_IMAGE: Final = re.compile(rb"^comment[ \t]+(?i:TextureFile)[ \t]+([^\r\n]+)", re.MULTILINE)
+_MAX_WORDS: Final = 32
+"""Maximum number of words of a line at which a name is looked for."""
+_MAX_PLY_HEADER_BYTES: Final = 1 << 16
 _GLB_HEADER_BYTES: Final = 20
 """Bytes before the JSON of a GLB file."""
 _GLB_JSON_SIZE: Final = slice(12, 16)
@@ -130,6 +134,8 @@ def referenced_files(data: bytes, suffix: str, read: Callable[[str], bytes]) -> 
 def _referenced_names(data: bytes, suffix: str) -> Iterator[str]:
     if suffix == ".obj":
         yield from _matched_names(_MATERIAL_FILE, data)
+    elif suffix == ".ply":
+        yield from _matched_names(_PLY_IMAGE, data[:_MAX_PLY_HEADER_BYTES].partition(b"end_header")[0])
     elif suffix == ".dae":
         yield from _matched_names(_COLLADA_IMAGE, data)
     elif suffix in (".gltf", ".glb"):
@@ -147,11 +153,8 @@ def _referenced_names(data: bytes, suffix: str) -> Iterator[str]:
 
 
 def _matched_names(pattern: re.Pattern[bytes], data: bytes) -> Iterator[str]:
-    """Yield the rest of the line, as names may have spaces, and its last word, as options may stand before a name."""
+    """Yield what may be names in the rest of the line: names may have spaces, and options may stand before them."""
     for match in pattern.finditer(data):
-        name = match[1].strip().decode("utf-8", "replace")
-        words = name.split()
-        if words:
-            yield name
-        if len(words) > 1:
-            yield words[-1]
+        line = match[1].strip().decode("utf-8", "replace")
+        words = list(re.finditer(r"\S+", line))[:_MAX_WORDS]
+        yield from dict.fromkeys((*(line[word.start() :] for word in words), *(word[0] for word in words)))

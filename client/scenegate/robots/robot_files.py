@@ -10,7 +10,7 @@ import hashlib
 import itertools
 import os
 import re
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Final
 
@@ -46,12 +46,14 @@ class RobotFiles:
         roots: Iterable[Path],
         limits: RobotFileLimits,
         check_cancelled: Callable[[], object] = lambda: None,
+        xacro_args: Mapping[str, str] | None = None,
     ) -> None:
         """
         Args:
             path: The robot file, which may be a pipe.
             roots: Folders to search for packages, and for relative file names.
             check_cancelled: Called again and again while a pipe is read; may raise an exception to cancel it.
+            xacro_args: Values of ``$(arg name)`` by name, in the robot file and in what it includes.
         """
         self._check_cancelled = check_cancelled
         self.is_pipe = is_pipe(path)
@@ -66,6 +68,9 @@ class RobotFiles:
         self._packages = Packages(self._package_roots)
         self._limits = limits
         self._remaining_bytes = limits.max_total_bytes
+        self.xacro_args: Final = xacro_args or {}
+        self.used_args: set[str] = set()
+        """Names of arguments that the files have."""
         self.notes: list[str] = []
         """A sentence for each package whose files are named by a path on another machine."""
         self.digests: dict[str, str] = {}
@@ -82,8 +87,9 @@ class RobotFiles:
     def find(self, name: str) -> Path:
         """Return the path of a file that the robot file names.
 
-        If no file has the literal name, backslashes are read as slashes, then URL escapes (``%20``) are decoded. An
-        absolute path of another machine, ``/…/share/NAME/rest`` or ``/…/NAME/meshes/…``, is that of a package's file.
+        If no file has the literal name, backslashes are read as slashes, then URL escapes (``%20``) are decoded. A
+        path of another machine, ``/…/share/NAME/rest`` or ``/…/NAME/meshes/…``, is that of a package's file;
+        at last, each of its folders is taken for the package.
 
         Args:
             name: File name or URL.
@@ -98,7 +104,7 @@ class RobotFiles:
                 if candidate.is_file():
                     return Path(os.path.realpath(candidate))
                 missing.append(candidate)
-        for package, path_in_package in _split_path(scheme, spellings(rest)[-1]):
+        for package, path_in_package, _ in _split_path(scheme, spellings(rest)[-1]):
             for folder in self._package_folders(package):
                 if (folder / path_in_package).is_file():
                     start = name.partition(package)[0] + package
@@ -219,7 +225,7 @@ class RobotFiles:
             package, _ = _split_package(name.partition("://")[2])
             start = ""
         else:
-            package = next((package for package, _ in _split_path(*split_url(name))), "")
+            package = next((package for package, _, is_likely in _split_path(*split_url(name)) if is_likely), "")
             start = "there is no such file, and "
             if not package:
                 return "there is no such file"
@@ -253,13 +259,18 @@ def _split_package(path: str) -> tuple[str, str]:
     return package, path_in_package.lstrip("/")
 
 
-def _split_path(scheme: str, path: str) -> Iterator[tuple[str, str]]:
-    """Yield the packages in whose folder a file with an absolute path may be, each with the path in it."""
+def _split_path(scheme: str, path: str) -> Iterator[tuple[str, str, bool]]:
+    """Yield the packages in whose folder a file of another machine may be, likely ones first.
+
+    Yields:
+        Package, path in it, and True if it is likely.
+    """
     parts = path.replace("\\", "/").split("/")
-    if scheme == "file" or (not scheme and (parts[0] == "" or parts[0].endswith(":"))):
-        for index, part in enumerate(parts[:-1]):
-            if part not in _NOT_PACKAGES and (parts[index - 1] == "share" or parts[index + 1] == "meshes"):
-                yield part, "/".join(parts[index + 1 :])
+    if scheme == "file" or (not scheme and (parts[0] in ("", "..", "~") or parts[0].endswith(":"))):
+        likely = [parts[index - 1] == "share" or parts[index + 1] == "meshes" for index in range(len(parts) - 1)]
+        for index in sorted(range(len(likely)), key=lambda each: not likely[each]):
+            if parts[index] not in _NOT_PACKAGES:
+                yield parts[index], "/".join(parts[index + 1 :]), likely[index]
 
 
 def _files_of_config(config: Path) -> list[str]:

@@ -23,7 +23,7 @@ from scenegate.robots.robot_files import RobotFiles
 from scenegate.robots.robot_limits import RobotFileLimits
 from scenegate.robots.sdf import parse_sdf
 from scenegate.robots.urdf import parse_urdf
-from scenegate.robots.xacro_args import XacroArgs, as_texts, expand_args
+from scenegate.robots.xacro_args import XacroArgs, as_texts, expand_args, warn_of_unused
 from scenegate.robots.xml_text import Element, parse_xml, uses_xacro
 from scenegate.warning_text import strict_refusal
 
@@ -68,15 +68,17 @@ def read_robot(
     if gltf_up not in ("y", "z"):
         raise RobotFileError(f"gltf_up must be 'y' or 'z', not {describe(gltf_up)}")
     with errors_of(path):
-        files = RobotFiles(Path(path), [Path(root) for root in roots], limits)
+        args = as_texts(xacro_args or {})
+        files = RobotFiles(Path(path), [Path(root) for root in roots], limits, xacro_args=args)
         root = parse_xml(files.read_robot_file(), limits.max_elements, warnings)
         if root.tag == "mujoco" or files.path.suffix.lower() == ".xacro" or uses_xacro(root):
             what = "MJCF" if root.tag == "mujoco" else "xacro"
             if files.is_pipe:
                 raise RobotFileError(f"{what} is read from files only, not pipes: write it into a file first")
             raise NeedsServerError(f"{what} needs packages of the server: pip install 'scenegate[robots]'")
-        expand_args(root, as_texts(xacro_args or {}), warnings)
+        expand_args(root, args, files.used_args, warnings)
         model = parse_links(root, files, geometry, limits, warnings)
+        warn_of_unused(args, files.used_args, warnings)
         joints, kinematics = model.moving_joints(warnings), LinkKinematics(model)
         parts = LinkGeometries(files, warnings, gltf_up).of_links(model.links)
         sentences = tuple(dict.fromkeys(warnings))

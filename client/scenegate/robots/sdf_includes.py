@@ -11,6 +11,7 @@ from scenegate.robots.robot_errors import RobotFileError
 from scenegate.robots.robot_files import RobotFiles
 from scenegate.robots.robot_limits import RobotFileLimits
 from scenegate.robots.ros_packages import split_url
+from scenegate.robots.xacro_args import expand_args
 from scenegate.robots.xml_text import Element, parse_xml, uses_xacro
 
 _GAZEBO_MODELS: Final = {
@@ -45,6 +46,7 @@ def read_included(
             raise
         return parse_xml(_GAZEBO_MODELS[name], limits.max_elements, warnings), folder
     root = parse_xml(files.read(path), limits.max_elements, warnings)
+    expand_args(root, files.xacro_args, files.used_args, warnings)
     if root.tag == "robot" and uses_xacro(root):
         raise RobotFileError("it has xacro elements: expand it into a URDF file first")
     return root, path.parent

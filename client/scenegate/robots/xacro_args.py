@@ -8,7 +8,7 @@ from typing import Final, TypeAlias
 
 from scenegate.messages.arguments import describe
 from scenegate.robots.robot_errors import RobotFileError
-from scenegate.robots.xml_text import Element
+from scenegate.robots.xml_text import Element, attribute
 
 XacroArgs: TypeAlias = Mapping[str, "str | float"]
 """Values by name. xacro reads numbers and booleans from their text."""
@@ -46,14 +46,23 @@ def missing_arg(name: str) -> str:
     return f"its argument {name[:60]!r} has no value, give one with --xacro-arg {name[:60]}:=VALUE"
 
 
-def expand_args(root: Element, args: Mapping[str, str], warnings: list[str]) -> None:
-    """Replace ``$(arg name)`` and ``$(find package)`` in a document without elements of xacro."""
-    used: set[str] = set()
+def expand_args(root: Element, args: Mapping[str, str], used: set[str], warnings: list[str]) -> None:
+    """Replace ``$(arg name)`` and ``$(find package)`` in a document without elements of xacro.
+
+    Args:
+        args: Values by name. Others are the defaults of elements ``<arg name default>``.
+        used: Names of the document's arguments are added.
+    """
+    values = {attribute(arg, "name"): attribute(arg, "default") for arg in root.iter("arg") if "default" in arg.attrib}
+    values |= args
+    missing: set[str] = set()
 
     def value_of(match: re.Match[str]) -> str:
         name = match[1].strip()
         used.add(name)
-        return args.get(name, match[0])
+        if name not in values:
+            missing.add(name)
+        return values.get(name, match[0])
 
     def expanded(text: str) -> str:
         return _FIND.sub(lambda match: f"package://{match[1].strip()}", _ARG.sub(value_of, text))
@@ -64,8 +73,7 @@ def expand_args(root: Element, args: Mapping[str, str], warnings: list[str]) -> 
         for name, text in element.items():
             if "$(" in text:
                 element.set(name, expanded(text))
-    warnings += [missing_arg(name) for name in sorted(used - {*args})]
-    warn_of_unused(args, used, warnings)
+    warnings += [missing_arg(name) for name in sorted(missing)]
 
 
 def warn_of_unused(args: Mapping[str, str], used: Iterable[str], warnings: list[str]) -> None:

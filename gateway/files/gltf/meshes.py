@@ -172,7 +172,7 @@ class Meshes:
         if deformation is not None and deformation.joint_matrices is not None and not deformation.influences:
             self._warnings.append(f"{name}: no JOINTS_0 and WEIGHTS_0 to use, it follows the first joint of its skin")
         other_colors = None
-        if "COLOR_0" in attributes and (index := references.get("COLOR_1")) is not None:
+        if (index := references.get("COLOR_1")) is not None:
             with as_warning(self._warnings, f"{name}.attributes.COLOR_1 is ignored"):
                 other_colors = self._accessors.get(index, f"{name}.attributes.COLOR_1")
         return _CheckedPrimitive(name, mode, indices, attributes, deformation, other_colors, smooth)
@@ -291,8 +291,12 @@ class Meshes:
                     values = np.nan_to_num(values, nan=0.0, posinf=0.0, neginf=0.0)
                 values = optional[name] = convert(values) if convert else values
                 values.setflags(write=False)
-        if checked.other_colors is not None and (optional["colors"] == 1.0).all() and _has_color(checked.other_colors):
-            self._warnings.append(f"{checked.name}: COLOR_0 is drawn, which is white; COLOR_1 has the colours")
+        if checked.other_colors is not None and _has_color(checked.other_colors):
+            colors = optional.get("colors")
+            if colors is None:
+                self._warnings.append(f"{checked.name}: COLOR_1 has colours, which are not drawn without a COLOR_0")
+            elif (colors == 1.0).all():
+                self._warnings.append(f"{checked.name}: COLOR_0 is drawn, which is white; COLOR_1 has the colours")
         return Mesh(positions, elements, **optional)
 
 

@@ -32,7 +32,12 @@ from gateway.files.parsers.vtk import read_vtk
 _IDENTITY: Final = np.eye(4).tobytes()
 _USED_MATERIAL: Final = re.compile(rb"^[ \t]*usemtl[ \t]([^\r\n]*)", re.MULTILINE)
 _DEFINED_MATERIAL: Final = re.compile(rb"^[ \t]*newmtl[ \t]([^\r\n]*)", re.MULTILINE)
-_TEXTURE_OPTION: Final = re.compile(r"-[a-z]+(?: +(?:on|off|[-+.\de]+))+ +")
+_LIBRARIES: Final = re.compile(rb"^[ \t]*mtllib[ \t]+([^\r\n]*)", re.MULTILINE)
+_BETWEEN_LIBRARIES: Final = re.compile(r"(?<=\.mtl)\s+", re.IGNORECASE)
+"""Blanks between the names of MTL files in a statement; a name may have blanks, too."""
+_COMMENT: Final = re.compile(rb"^([ \t]*(?:[Kk][ads]|newmtl|d|Tr)[ \t][^#\r\n]*[ \t])#[^\r\n]*", re.MULTILINE)
+_GRAY: Final = re.compile(rb"^([ \t]*[Kk][ads])[ \t]+([-+.\deE]+)[ \t]*$", re.MULTILINE)
+_TEXTURE_OPTION: Final = re.compile(r"-[a-zA-Z]+(?:\s+(?:on|off|[rgbmlz]|[-+.\deE]+))+\s+")
 """Option before a texture's name in an MTL file, such as ``-clamp on`` and ``-s 1 1 1``."""
 _WITHOUT_EFFECT: Final = frozenset({"-blendu", "-blendv", "-bm", "-boost", "-texres"})
 """Options of filters, and of other textures than colours."""
@@ -83,12 +88,14 @@ def _read(read_file: ReadFile, data: bytes, extension: str, options: MeshOptions
         return content
     if extension == "dae":
         return read_collada(data, read_file, options)
+    libraries: list[str] = []
     if extension == "obj":
         original = data
+        libraries = [line.decode("utf-8", "replace").strip() for line in _LIBRARIES.findall(data)]
         data = with_unit_colors(with_absolute_faces(data))
     result = MeshData()
     textures = TextureFiles(read_file, result)
-    resolver = _Resolver(read_file, textures)
+    resolver = _Resolver(read_file, textures, libraries)
     if extension == "ply":
         data = with_triangles(with_used_coordinates(with_plain_header(data), resolver.get, result.warnings))
 
@@ -123,19 +130,33 @@ def _undefined_materials(data: bytes, materials: set[bytes]) -> list[str]:
 class _Resolver(trimesh.resolvers.Resolver):
     """Resolver that lets trimesh read files only through ``read_file``."""
 
-    def __init__(self, read_file: ReadFile, textures: TextureFiles) -> None:
+    def __init__(self, read_file: ReadFile, textures: TextureFiles, libraries: list[str]) -> None:
+        """
+        Args:
+            libraries: Names of MTL files, as an OBJ file's statements ``mtllib`` have them.
+        """
         self._read_file = read_file
+        self._libraries = libraries
         self._textures = textures
         self.materials: set[bytes] = set()
         """Names of all materials in the MTL files that were read."""
 
     def get(self, name: str) -> bytes:
+        if name == next(iter(self._libraries), None):  # trimesh reads the first statement only, as one name
+            names = (name for line in self._libraries for name in _BETWEEN_LIBRARIES.split(line))
+            return b"\n".join(map(self._read_library, dict.fromkeys(names)))
         name = _texture_name(str(name))
         data = self._read_file(name)
-        materials = _DEFINED_MATERIAL.findall(data)
-        if not materials and not name.lower().endswith(".mtl"):
-            return self._textures.encoded(name, data)
-        self.materials |= {material.strip() for material in materials}
+        return self._textures.encoded(name, data)
+
+    def _read_library(self, name: str) -> bytes:
+        """Return an MTL file with three numbers for gray and no comments behind colours; empty if it is missing."""
+        try:
+            data = self._read_file(name)
+        except OSError:
+            return b""
+        data = _GRAY.sub(rb"\1 \2 \2 \2", _COMMENT.sub(rb"\1", data.replace(b"\r\n", b"\n")))
+        self.materials |= {material.strip() for material in _DEFINED_MATERIAL.findall(data)}
         return data
 
     def write(self, name: str, data: object) -> None:

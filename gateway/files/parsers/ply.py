@@ -45,13 +45,18 @@ _COLOR_NAMES: Final = (
     ("red", "green", "blue", ("alpha",)),
     ("diffuse_red", "diffuse_green", "diffuse_blue", ("diffuse_alpha", "alpha")),
     ("r", "g", "b", ("a", "alpha")),
+    ("diffuse_r", "diffuse_g", "diffuse_b", ("diffuse_a", "alpha")),
 )
 """Properties of colours in lower case: red, green, blue, and names of the opacity."""
-_ANY_COLOR: Final = re.compile(rb"^property \w+ (?i:diffuse_red|red|r)[ \t]*$", re.MULTILINE)
+_ANY_COLOR: Final = re.compile(rb"^property \w+ (?i:diffuse_red|diffuse_r|red|r)[ \t]*$", re.MULTILINE)
 _TEXTURE_COORDINATE: Final = re.compile(
     rb"^(property (?:list \w+ )?\w+ )(s|t|u|v|texture_u|texture_v|texcoord)[ \t]*$", re.MULTILINE
 )
 _TEXTURE_FILE: Final = re.compile(rb"texturefile[ \t]*([^\n]*)", re.IGNORECASE)
+_ONLY_FACE_LIST: Final = re.compile(
+    rb"(\nelement face [^\n]*\n(?:(?!element|property list)[^\n]*\n)*property list \w+ \w+ )\w+"
+    rb"(?=\n(?:(?!element|property list)[^\n]*\n)*(?:element|\Z))"
+)
 _SPLAT: Final = re.compile(rb"^property \w+ f_dc_0[ \t]*$", re.MULTILINE)
 
 
@@ -83,7 +88,8 @@ def with_plain_header(data: bytes) -> bytes:
     """Return the file with a header that trimesh reads.
 
     Rhinoceros writes carriage returns only; comments are not always UTF-8. For edges, trimesh needs a package that is
-    not installed, but does not use them in meshes: their element gets another name.
+    not installed, but does not use them in meshes: their element gets another name. Properties are in lower case, and
+    the only list of faces is called ``vertex_indices``.
 
     Raises:
         ValueError: It is no PLY file.
@@ -93,7 +99,12 @@ def with_plain_header(data: bytes) -> bytes:
     line_end = b"\r\n" if data.startswith(b"ply\r\n") else b"\r" if data.startswith(b"ply\r") else b"\n"
     header, end, body = data.partition(b"end_header" + line_end)
     header = header.decode("utf-8", "replace").encode().replace(line_end, b"\n")
-    header = header.replace(b"\nelement edge ", b"\nelement unused_edge ")
+    lines = (
+        b" ".join(line.split()).lower() if line.lstrip().startswith((b"element", b"property")) else line
+        for line in header.split(b"\n")
+    )
+    header = b"\n".join(lines).replace(b"\nelement edge ", b"\nelement unused_edge ")
+    header = _ONLY_FACE_LIST.sub(rb"\1vertex_indices", header)
     return header + b"end_header\n" + body if end else data
 
 
@@ -124,8 +135,8 @@ def with_used_coordinates(data: bytes, read_texture: Callable[[str], bytes], war
 def with_triangles(data: bytes) -> bytes:
     """Return a binary file with triangles in place of polygons and strips.
 
-    Blender writes faces of different numbers of corners, which trimesh takes for faces like the first one. Other lists
-    of faces, and the elements after them, are left out. Other files are returned as they are.
+    trimesh takes each list for one as long as the first. Blender writes faces of different numbers of corners. If
+    lists of an element differ in length, the file is returned with vertices and triangles only, without other lists.
 
     Raises:
         ValueError: The header is wrong, or the file is too short.
@@ -135,43 +146,98 @@ def with_triangles(data: bytes) -> bytes:
     encoding = next((line.lower() for line in lines if line.startswith("format")), "")
     order = ">" if "big" in encoding else "<"
     elements = _elements(lines, order)
+    if not elements or not end or "ascii" in encoding:
+        return data
     drawn = next(
         (each for name in ("face", "tristrips") for each in elements if each.name == name and each.count), None
     )
-    if drawn is None or not end or "ascii" in encoding:
+    if drawn is not None:
+        drawn.index_list()  # raises
+    is_plain = drawn is None or drawn.name == "face"
+    places, unequal = [len(header) + len(end)], {}
+    for element in elements:
+        end_place = _end_of_equal_rows(data, places[-1], element, 4 if element is drawn else None)
+        if end_place is None:
+            is_plain = False
+            unequal[element.name] = _values(data, places[-1], element)
+            end_place = unequal[element.name][2]
+        places.append(end_place)
+    if is_plain:
         return data
-    start = place = len(header) + len(end)
-    for element in elements[: elements.index(drawn)]:
-        place = _values(data, place, element)[2]
-    index_list, index = drawn.index_list()
-    if drawn.name == "face" and _are_small_and_equal(data, place, drawn, index_list):
-        return data
-    all_lengths, places, _ = _values(data, place, drawn)
+    text, body = "\n".join(lines[: elements[0].line]), b""
+    for element, place in zip(elements, places, strict=False):
+        if element is drawn or element.name == "vertex":
+            lengths, starts, _ = unequal.get(element.name) or _values(data, place, element)
+            columns = _scalars(data, place, element, lengths, starts)
+            if element is drawn:
+                columns = _triangles(data, element, lengths, starts, columns, order)
+            element_text, rows = _table("face" if element is drawn else "vertex", columns)
+            text, body = f"{text}\n{element_text}", body + rows
+    return f"{text}\nend_header\n".encode("latin-1") + body
+
+
+def _triangles(
+    data: bytes,
+    element: _Element,
+    all_lengths: NDArray[np.int64],
+    places: NDArray[np.int64],
+    scalars: list[tuple[str, NDArray[Any]]],
+    order: str,
+) -> list[tuple[str, NDArray[Any]]]:
+    """Return names and values of the triangles' properties: ``vertex_indices``, (M, 3), and the scalars of faces, (M,).
+
+    Args:
+        all_lengths, places: See ``_values``.
+        scalars: See ``_scalars``.
+
+    Raises:
+        ValueError: There are none.
+    """
+    index_list, index = element.index_list()
     lengths = all_lengths[:, index_list]
     indices = _array(data, lengths, places[:, index_list], index).astype(np.int64)
-    colors: list[tuple[str, NDArray[Any]]] = []
-    """Names and values of the properties of faces that are colours, for each triangle."""
-    if drawn.name == "face":
+    if element.name == "face":
         triangles = triangles_of_polygons(indices, np.cumsum(lengths) - lengths, lengths)
         face = np.repeat(np.arange(len(lengths)), np.maximum(lengths - 2, 0))
-        colors = [
-            (name, _array(data, all_lengths[:, number], places[:, number], values)[face])
-            for number, (length, values, name) in enumerate(drawn.properties)
-            if length is None
-        ]
+        scalars = [(name, values[face]) for name, values in scalars]
     else:
-        triangles = triangles_of_strip(np.insert(indices, np.cumsum(lengths), -1))
+        triangles, scalars = triangles_of_strip(np.insert(indices, np.cumsum(lengths), -1)), []
     if not len(triangles):
-        raise ValueError(f"its {drawn.count} elements {drawn.name!r} have no triangles")
-    code, type_name = ("i4", "int") if index.kind == "i" else ("u4", "uint")
-    row = [("", "u1"), ("", order + code, 3), *(("", values.dtype) for _, values in colors)]
-    rows = np.empty(len(triangles), row)
-    for name, values in zip(rows.dtype.names or (), (3, triangles, *(values for _, values in colors)), strict=True):
-        rows[name] = values
-    scalars = "".join(f"property {_TYPE_NAMES[values.dtype.str[1:]]} {name}\n" for name, values in colors)
-    faces = f"element face {len(rows)}\nproperty list uchar {type_name} vertex_indices\n{scalars}end_header\n"
-    text = "\n".join((*lines[: drawn.line], faces)).encode("latin-1")
-    return text + data[start:place] + rows.tobytes()
+        raise ValueError(f"its {element.count} elements {element.name!r} have no triangles")
+    return [("vertex_indices", triangles.astype(f"{order}{index.kind}4")), *scalars]
+
+
+def _scalars(
+    data: bytes, place: int, element: _Element, lengths: NDArray[np.int64], places: NDArray[np.int64]
+) -> list[tuple[str, NDArray[Any]]]:
+    """Return names and values, (count,), of the properties of an element that are not lists.
+
+    Args:
+        place: Place of the element's data in the file.
+        lengths, places: See ``_values``; empty if the element has no lists.
+    """
+    if not len(lengths):
+        row = np.dtype([(f"f{number}", values) for number, (_, values, _) in enumerate(element.properties)])
+        rows = np.frombuffer(data, row, element.count, place)
+        return [(name, rows[f"f{number}"]) for number, (_, _, name) in enumerate(element.properties)]
+    return [
+        (name, _array(data, lengths[:, number], places[:, number], values))
+        for number, (length, values, name) in enumerate(element.properties)
+        if length is None
+    ]
+
+
+def _table(element: str, columns: list[tuple[str, NDArray[Any]]]) -> tuple[str, bytes]:
+    """Return the header and the binary rows of an element. A column (M, 3) is a list."""
+    header, fields = [f"element {element} {len(columns[0][1])}"], []
+    for name, values in columns:
+        kind = _TYPE_NAMES[values.dtype.str[1:]]
+        header.append(f"property {f'list uchar {kind}' if values.ndim == 2 else kind} {name}")
+        fields += [np.full(len(values), 3, np.uint8), values] if values.ndim == 2 else [values]
+    rows = np.empty(len(columns[0][1]), [("", values.dtype, values.shape[1:]) for values in fields])
+    for number, values in enumerate(fields):
+        rows[f"f{number}"] = values
+    return "\n".join(header), rows.tobytes()
 
 
 def _elements(lines: list[str], order: str) -> list[_Element]:
@@ -234,21 +300,36 @@ def _values(data: bytes, place: int, element: _Element) -> tuple[NDArray[np.int6
     return np.array(lengths, np.int64).reshape(shape), np.array(places, np.int64).reshape(shape), place
 
 
-def _are_small_and_equal(data: bytes, place: int, faces: _Element, index_list: int) -> bool:
-    """Return True if trimesh reads all faces: up to four corners, and each list as long as that of the first face."""
-    lengths, places, end = _values(data, place, dataclasses.replace(faces, count=1))
-    if lengths[0, index_list] > 4 or place + faces.count * (end - place) > len(data):
-        return False
-    lists = zip(faces.properties, places[0].tolist(), strict=True)
-    counters = [(length, at - place - length.size) for (length, _, _), at in lists if length is not None]
+def _end_of_equal_rows(data: bytes, place: int, element: _Element, max_length: int | None) -> int | None:
+    """Return the end of an element whose lists are as long as those of its first row; None if they are not.
+
+    Args:
+        max_length: Maximum length of its lists; None: any.
+    """
+    if all(length is None for length, _, _ in element.properties):
+        return _values(data, place, element)[2]
+    lengths, places, end = _values(data, place, dataclasses.replace(element, count=min(element.count, 1)))
+    if not len(lengths):
+        return place
+    lists = [
+        (length.format, at - place - length.size)
+        for (length, _, _), at in zip(element.properties, places[0].tolist(), strict=True)
+        if length is not None
+    ]
+    rows_end = place + element.count * (end - place)
+    if rows_end > len(data):
+        return None
     row = np.dtype({
-        "names": list(map(str, range(len(counters)))),
-        "formats": [counter.format for counter, _ in counters],
-        "offsets": [offset for _, offset in counters],
+        "names": list(map(str, range(len(lists)))),
+        "formats": [counter for counter, _ in lists],
+        "offsets": [offset for _, offset in lists],
         "itemsize": end - place,
     })  # fmt: skip
-    rows = np.frombuffer(data, row, faces.count, place)
-    return all((rows[name] == rows[name][0]).all() for name in row.names or ())
+    rows = np.frombuffer(data, row, element.count, place)
+    for name in row.names or ():
+        if (rows[name] != rows[name][0]).any() or (max_length is not None and rows[name][0] > max_length):
+            return None
+    return rows_end
 
 
 def _array(data: bytes, lengths: NDArray[np.int64], places: NDArray[np.int64], values: np.dtype[Any]) -> NDArray[Any]:

@@ -43,9 +43,17 @@ _POLYGON_SECTIONS: Final = {b"polygons": _POLYGON, b"triangle_strips": _STRIP}
 _TYPES: Final = {
     b"float": ">f4",
     b"double": ">f8",
+    b"char": ">i1",
+    b"signed_char": ">i1",
+    b"unsigned_char": ">u1",
+    b"short": ">i2",
+    b"unsigned_short": ">u2",
     b"int": ">i4",
-    b"vtktypeint64": ">i8",
+    b"unsigned_int": ">u4",
     b"long": ">i8",
+    b"unsigned_long": ">u8",
+    b"vtktypeint64": ">i8",
+    b"vtktypeuint64": ">u8",
     b"vtkidtype": ">i4",
 }
 """NumPy types by the names in a file. Binary files are big-endian."""

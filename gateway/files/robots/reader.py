@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Final
 
@@ -18,7 +18,7 @@ from scenegate.robots.robot import GeometryUse
 from scenegate.robots.robot_errors import RobotFileError
 from scenegate.robots.robot_files import RobotFiles
 from scenegate.robots.robot_reader import errors_of, parse_links
-from scenegate.robots.xacro_args import XacroArgs, as_texts, expand_args
+from scenegate.robots.xacro_args import XacroArgs, as_texts, expand_args, warn_of_unused
 from scenegate.robots.xml_text import parse_xml, uses_xacro
 from scenegate.warning_text import strict_refusal, warnings_and_notes
 
@@ -57,8 +57,8 @@ def read_robot(
     """
     limits = limits or RobotLimits()
     with errors_of(path):
-        files = RobotFiles(Path(path), map(Path, roots), limits, check_stop)
-        robot = _read(files, geometry, keyframe, gltf_up, as_texts(xacro_args or {}), limits)
+        files = RobotFiles(Path(path), map(Path, roots), limits, check_stop, as_texts(xacro_args or {}))
+        robot = _read(files, geometry, keyframe, gltf_up, limits)
         if strict and (refusal := strict_refusal(robot.warnings)):
             raise RobotFileError(refusal)
         return robot
@@ -69,7 +69,6 @@ def _read(
     geometry: GeometryUse,
     keyframe: str,
     gltf_up: RobotGltfUp,
-    args: Mapping[str, str],
     limits: RobotLimits,
 ) -> Robot:
     warnings: list[str] = []
@@ -77,13 +76,13 @@ def _read(
     is_xacro = files.path.suffix.lower() == ".xacro"
     if is_xacro or uses_xacro(root):
         try:
-            root = parse_xml(expand_xacro(files, args, limits, warnings), limits.max_elements, warnings)
+            root = parse_xml(expand_xacro(files, limits), limits.max_elements, warnings)
         except RobotFileError as error:
             if is_xacro:
                 raise
             warnings.append(f"{error}; its xacro elements are ignored")  # rests of an expanded file
     else:
-        expand_args(root, args, warnings)
+        expand_args(root, files.xacro_args, files.used_args, warnings)
     if root.tag == "mujoco":
         if files.is_pipe:
             raise RobotFileError("MuJoCo reads files only, not pipes: write it into a file first")
@@ -93,6 +92,7 @@ def _read(
     if keyframe:
         raise RobotFileError("only MJCF files have keyframes")
     model = parse_links(root, files, geometry, limits, warnings)
+    warn_of_unused(files.xacro_args, files.used_args, warnings)
     joints, kinematics = model.moving_joints(warnings), LinkKinematics(model)
     parts = LinkParts(files, limits, warnings, "z" if gltf_up == "z" else "y").of_links(model.links)
     sentences, gloss = warnings_and_notes(warnings)

@@ -5,7 +5,6 @@ from __future__ import annotations
 import contextlib
 import importlib.util
 import os
-from collections.abc import Mapping
 from typing import Final
 
 import msgspec
@@ -14,18 +13,15 @@ from gateway.files.robots.limits import RobotLimits
 from gateway.runtime.workers.limited_process import ProcessFailed, ProcessLimits, call_limited
 from scenegate.robots.robot_errors import RobotFileError
 from scenegate.robots.robot_files import RobotFiles
-from scenegate.robots.xacro_args import missing_arg, warn_of_unused
+from scenegate.robots.xacro_args import missing_arg
 
 MAX_NAMED_ARGS: Final = 16
 """Maximum number of arguments that an error names."""
 _output_decoder: Final = msgspec.msgpack.Decoder(tuple[str, str, str, list[str], list[str]])
 
 
-def expand_xacro(files: RobotFiles, args: Mapping[str, str], limits: RobotLimits, warnings: list[str]) -> bytes:
+def expand_xacro(files: RobotFiles, limits: RobotLimits) -> bytes:
     """Return the URDF or SDF document of the robot file, which has xacro elements. ``files`` has read what it includes.
-
-    Args:
-        args: Values of its arguments by name.
 
     Raises:
         RobotFileError: The file cannot be expanded within the limits.
@@ -47,13 +43,13 @@ def expand_xacro(files: RobotFiles, args: Mapping[str, str], limits: RobotLimits
         return os.fsencode(folder)
 
     process_limits = ProcessLimits(limits.max_xacro_bytes, limits.max_xacro_seconds)
+    arguments = str(files.path), files.xacro_args
     try:
-        output = call_limited(
-            "gateway.files.parsers.xacro:expand_file", (str(files.path), args), process_limits, package_folder
-        )
+        output = call_limited("gateway.files.parsers.xacro:expand_file", arguments, process_limits, package_folder)
     except ProcessFailed as error:
         raise RobotFileError(f"xacro cannot expand it: {error}") from None
     document, problem, missing, used, includes = _output_decoder.decode(output)
+    files.used_args.update(used)
     for include in includes:
         with contextlib.suppress(OSError, RobotFileError):  # xacro has read it, or says why not
             files.read(files.path.parent / include)
@@ -62,7 +58,6 @@ def expand_xacro(files: RobotFiles, args: Mapping[str, str], limits: RobotLimits
     if problem:
         names = f"; its arguments (--xacro-arg) are {', '.join(used[:MAX_NAMED_ARGS])}" if used else ""
         raise RobotFileError(f"xacro cannot expand it: {problem}{names}")
-    warn_of_unused(args, used, warnings)
     if "<robot" in document and "<link" not in document:
         raise RobotFileError("it has no links, perhaps only macros: name the file that uses them")
     return document.encode()

@@ -253,9 +253,10 @@ def test_colors_that_fit_no_vertex_are_left_out(count: int) -> None:
 
 
 @pytest.mark.parametrize(
-    ("first", "second", "warns"), [(1, 0.5, True), (1, 1, False), (0.5, 0.25, False), (None, 0.5, False)]
+    ("first", "second", "warns"),
+    [(1, 0.5, True), (1, 1, False), (0.5, 0.25, False), (None, 0.5, True), (None, 1, False)],
 )
-def test_white_colors_beside_others_have_a_warning(first: float | None, second: float, warns: bool) -> None:
+def test_colors_that_are_not_drawn_have_a_warning(first: float | None, second: float, warns: bool) -> None:
     b = Builder()
     attributes = {"POSITION": b.accessor(TRIANGLE), "COLOR_1": b.accessor(np.full((3, 4), second))}
     if first is not None:

@@ -25,7 +25,13 @@ KINDS: dict[str, tuple[str, Any]] = {
     "double": ("d", COLORS.astype(float)),
 }
 """Type of a property: its code in ``struct``, and the values of ``COLORS`` (``double``: from 0 to 255)."""
-NAMES = [("red", "green", "blue"), ("diffuse_red", "diffuse_green", "diffuse_blue"), ("r", "g", "b"), ("R", "G", "B")]
+NAMES = [
+    ("red", "green", "blue"),
+    ("diffuse_red", "diffuse_green", "diffuse_blue"),
+    ("r", "g", "b"),
+    ("R", "G", "B"),
+    ("diffuse_r", "diffuse_g", "diffuse_b"),
+]
 ENCODINGS = {"ascii": "ascii", "<": "binary_little_endian", ">": "binary_big_endian"}
 
 
@@ -107,6 +113,30 @@ def test_each_face_of_a_ply_has_its_own_color(order: str, kind: str, names: tupl
         np.testing.assert_array_equal(positions, np.array(CORNERS, np.float32)[np.array(fans)])
 
 
+@pytest.mark.parametrize("order", ENCODINGS)
+@pytest.mark.parametrize("spelling", ["vertex_indices", "indices"])
+def test_lists_before_colored_vertices(order: str, spelling: str) -> None:
+    header = (
+        f"ply\nformat {ENCODINGS[order]} 1.0\nelement face 2\nproperty list uchar int {spelling}\n"
+        "element camera 2\nproperty list uchar short m\nelement vertex 5\nproperty float X\nproperty float Y\n"
+        "property float Z\nproperty list uchar uchar near\nproperty  uchar\tRed\nproperty uchar Green\n"
+        "property uchar Blue\nend_header\n"
+    )
+    rows: list[tuple[str, tuple[float, ...]]] = [
+        ("B4i", (4, *FACES[0])),
+        ("B3i", (3, *FACES[1])),
+        ("B2h", (2, 7, 8)),
+        ("Bh", (1, 9)),
+    ]
+    for number, corner in enumerate(CORNERS):
+        rows.append((f"3f{2 + number}B3B", (*corner, 1 + number, *[9] * (1 + number), *COLORS[number].tolist())))
+    text = "".join(" ".join(map(str, values)) + "\n" for _, values in rows).encode()
+    body = text if order == "ascii" else b"".join(struct.pack(order + code, *values) for code, values in rows)
+    colors, positions = colors_of(header.encode() + body)
+    check_vertices(colors, positions)
+    assert len(positions) == 3
+
+
 def test_faces_of_missing_vertices_are_left_out_with_their_color() -> None:
     (shape,) = content(ply("<", NAMES[0], "uchar", "face", [(0, 1, 9), (1, 2, 4)]), "ply").shapes
     assert np.frombuffer(shape.colors or b"", np.uint8).reshape(-1, 4)[:, :3].tolist() == [COLORS[1].tolist()] * 3
@@ -156,3 +186,22 @@ def test_the_material_of_an_obj_file_multiplies_its_colors() -> None:
     (shape,) = result.shapes
     assert shape.color == pytest.approx((128 / 255, 128 / 255, 128 / 255, 1), abs=1 / 255)
     assert np.frombuffer(shape.colors or b"", np.uint8).reshape(-1, 4)[:, :3].tolist() == (255 * np.eye(3)).tolist()
+
+
+@pytest.mark.parametrize(
+    ("libraries", "kd"),
+    [
+        ("mtllib other.mtl\nmtllib m.mtl\n", "Kd 1 0.2 0"),
+        ("mtllib other.mtl m.mtl\n", "Kd 1 0.2 0 # orange"),
+        ("mtllib my m.mtl\n", "Kd\t1 0.2 0"),
+    ],
+)
+def test_materials_of_several_mtl_files(libraries: str, kd: str) -> None:
+    files = {"other.mtl": "newmtl gray\nKd 0.4\n", "m.mtl": f"newmtl m # first\r\n{kd}\r\n"}
+    files["my m.mtl"] = files["other.mtl"] + files["m.mtl"]
+    text = f"{libraries}v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nusemtl m\nf 1 2 3\nusemtl gray\nf 1 2 4\n"
+    result = read_mesh(lambda name: files[name].encode(), text.encode(), "obj", LIMITS)
+    assert isinstance(result, MeshData)
+    colors = sorted(shape.color for shape in result.shapes if shape.color)
+    assert colors == [pytest.approx((0.4, 0.4, 0.4, 1)), pytest.approx((1, 0.2, 0, 1))]
+    assert result.warnings == []

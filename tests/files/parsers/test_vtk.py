@@ -53,6 +53,20 @@ def test_normals_point_outwards_and_binary_numbers() -> None:
     assert ((corners.mean(axis=1) - positions.mean(axis=0)) * normals).sum(axis=1).min() > 0.0
 
 
+@pytest.mark.parametrize(
+    ("kind", "code"),
+    [
+        *(("char", "b"), ("unsigned_char", "B"), ("short", "h"), ("unsigned_short", "H"), ("unsigned_int", "I")),
+        *(("vtkIdType", "i"), ("unsigned_long", "Q"), ("vtktypeuint64", "Q"), ("FLOAT", "f")),
+    ],
+)
+def test_types_of_binary_numbers(kind: str, code: str) -> None:
+    head = HEAD.replace("ASCII", "BINARY").replace("UNSTRUCTURED_GRID", "POLYDATA").encode()
+    numbers = struct.pack(f">9{code}", 0, 0, 0, 100, 0, 0, 0, 7, 0)
+    data = head + f"POINTS 3 {kind}\n".encode() + numbers + b"\nPOLYGONS 1 4\n" + struct.pack(">4i", 3, 0, 1, 2)
+    assert parse(data)[0].tolist() == [[0, 0, 0], [100, 0, 0], [0, 7, 0]]
+
+
 def test_polygons() -> None:
     text = HEAD.replace("UNSTRUCTURED_GRID", "POLYDATA") + POINTS + "POLYGONS 2 9\n4 0 1 4 2\n3 0 1 3\n"
     assert parse(text)[1].tolist() == [[0, 1, 4], [0, 4, 2], [0, 1, 3]]

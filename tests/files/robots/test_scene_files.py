@@ -68,6 +68,15 @@ def test_textures_of_a_mesh_are_found_as_those_of_robots(tmp_path: Path, name: s
     assert MeshFile.read(path).files[name] == (tmp_path / image).read_bytes()
 
 
+def test_files_that_a_published_mesh_refers_to(tmp_path: Path) -> None:
+    files = {"a.mtl": b"map_Kd -s 2 2 2 t x.png\n", "b.mtl": b"map_Kd\tu.png\n", "t x.png": b"t", "u.png": b"u"}
+    for name, data in files.items():
+        write(tmp_path, data, name)
+    assert MeshFile.read(write(tmp_path, "mtllib a.mtl b.mtl\n", "m.obj")).files == files
+    text = "ply\nformat ascii 1.0\ncomment TextureFile t x.png\nend_header\ncomment TextureFile u.png\n"
+    assert MeshFile.read(write(tmp_path, text, "m.ply")).files == {"t x.png": b"t"}
+
+
 @pytest.mark.parametrize("folder", [".", "meshes", "meshes/parts"])
 def test_textures_are_found_from_a_relative_path(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, folder: str) -> None:
     (tmp_path / "meshes/parts").mkdir(parents=True)

@@ -112,6 +112,17 @@ def test_arguments_of_plain_urdf(tmp_path: Path, read: Callable[..., Robot[Any]]
     assert any("--xacro-arg where:=" in warning for warning in robot.warnings)
 
 
+@pytest.mark.parametrize("read", [read_robot, read_robot_of_client])
+def test_arguments_of_included_files(tmp_path: Path, read: Callable[..., Robot[Any]]) -> None:
+    write(tmp_path, '<robot name="r"><arg name="b" default="d"/><link name="$(arg a)$(arg b)"/></robot>', "a.urdf")
+    world = '<sdf version="1.9"><world name="w"><include><uri>a.urdf</uri></include></world></sdf>'
+    for args, link in (({"a": "x"}, "r::xd"), ({"a": "x", "b": 2}, "r::x2")):
+        robot = read(write(tmp_path, world, "world.sdf"), xacro_args=args)
+        assert (robot.links, robot.warnings) == ((link,), ())
+    (warning,) = read(write(tmp_path, world, "world.sdf")).warnings
+    assert "--xacro-arg a:=" in warning
+
+
 def test_invalid_arguments(tmp_path: Path) -> None:
     assert parse_xacro_args(["a:=b:=c", "d:="]) == {"a": "b:=c", "d": ""}
     for texts in (["a"], [":=b"], ["a=b"], ["a:=1", "a:=2"]):

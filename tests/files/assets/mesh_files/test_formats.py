@@ -296,6 +296,7 @@ def test_kd_multiplies_the_texture(root: Path, files: MeshFiles, kd: str, expect
         ("-s 2 3 1 -o 0.25 0.5 0", [(0.25, 0.5), (2.25, 3.5)], ()),
         ("-o 0.25", [(0.25, 0), (1.25, 1)], ()),
         ("-s 2", [(0, 0), (2, 1)], ()),
+        ("-s\t2  3e0\t1 -imfchan m", [(0, 0), (2, 3)], ("-imfchan m",)),
         ("-clamp on -s 0.5 0.5", [(0, 0), (0.5, 0.5)], ()),
         ("-clamp on -s 2 2", [(0, 0), (2, 2)], ("-clamp on",)),
         ("-blendu on -cc off -mm 0.5 1", [(0, 0), (1, 1)], ("-mm 0.5 1",)),
