@@ -284,7 +284,7 @@ def _material(
     color = np.ones(4) if diffuse is None else np.append(np.asarray(diffuse, np.float64)[:4] / 255.0, 1.0)[:4]
     if image is not None:
         uv = _placed(uv, path, warnings)
-        if "kd" not in statements or not color[:3].any():  # a black one hides the texture, which nobody wants
+        if "kd" not in statements or not color[:3].any():  # a black one would hide the texture
             color[:3] = 1.0
     color[3] *= _mtl_opacity(statements)
     return uv, _rgba(color), image

@@ -50,7 +50,7 @@ def test_accepts_an_empty_file(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    "content", [b"# a TOML file that somebody named by mistake\n", b"SQLite format 3\0", b"\0" * 4096]
+    "content", [b"# a TOML file, named by mistake\n", b"SQLite format 3\0", b"\0" * 4096]
 )
 def test_rejects_foreign_files_unchanged(tmp_path: Path, content: bytes) -> None:
     path = tmp_path / "state"
