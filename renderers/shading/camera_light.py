@@ -129,9 +129,10 @@ def light_pixels(light: CameraLightInputs, segment: Segment, count: I64, lamp_sh
         normal, to_camera = times(normal, scale_to(normal, one)), times(point, -scale_to(point, one))
         to_lamp, lamp = _lamp(light, point)
         v_l = dot(to_camera, to_lamp)
-        roughness = vec.f32(material.roughness)
+        roughness, metallic = vec.f32(material.roughness), vec.f32(material.metallic)
         if material.metallic_roughness_texture >= 0:
             roughness = roughness * vec.load(pixels.metallic_roughness, STRIDE + x)
+            metallic = metallic * vec.load(pixels.metallic_roughness, 2 * STRIDE + x)
         cosine = dot(normal, to_lamp)
         n_l, specular = vtk_specular(cosine, dot(normal, to_camera), v_l, roughness)
         ambient = ambient_light(light, normal) * unoccluded_share(material, pixels, x)
@@ -139,8 +140,11 @@ def light_pixels(light: CameraLightInputs, segment: Segment, count: I64, lamp_sh
         if address(lamp_share) != 0:
             cosine = vec.maximum(cosine, vec.f32(0.0))
             total = lamp * cosine + ambient + (red + green + blue) * vec.f32(1.0 / 3.0)
-            # Limited, and not NaN: the last store overruns into what may be the background.
-            share = vec.minimum(vec.maximum(cosine / total, vec.f32(0.0)), vec.f32(1.0 / MIN_AMBIENT))
+            # Metals reflect dots away from the camera. Limited, and not NaN: the last store overruns into what may be
+            # the background.
+            share = vec.minimum(
+                vec.maximum((one - metallic) * cosine / total, vec.f32(0.0)), vec.f32(1.0 / MIN_AMBIENT)
+            )
             vec.store(lamp_share, x, share)
         # Schlick's (1 - h . l)^5 is below 1e-8 for a lamp that is 8 cm beside the camera and 0.3 m from the surface.
         store3(pixels.normal, x, STRIDE, (n_l * lamp, specular * lamp, vec.f32(0.0)))

@@ -49,9 +49,7 @@ def test_accepts_an_empty_file(tmp_path: Path) -> None:
     assert version(made(path)) == SCHEMA_VERSION
 
 
-@pytest.mark.parametrize(
-    "content", [b"# a TOML file, named by mistake\n", b"SQLite format 3\0", b"\0" * 4096]
-)
+@pytest.mark.parametrize("content", [b"# a TOML file, named by mistake\n", b"SQLite format 3\0", b"\0" * 4096])
 def test_rejects_foreign_files_unchanged(tmp_path: Path, content: bytes) -> None:
     path = tmp_path / "state"
     path.write_bytes(content)
