@@ -140,11 +140,12 @@ def light_pixels(light: CameraLightInputs, segment: Segment, count: I64, lamp_sh
         if address(lamp_share) != 0:
             cosine = vec.maximum(cosine, vec.f32(0.0))
             total = lamp * cosine + ambient + (red + green + blue) * vec.f32(1.0 / 3.0)
-            # Metals reflect dots away from the camera. Limited, and not NaN: the last store overruns into what may be
-            # the background.
-            share = vec.minimum(
-                vec.maximum((one - metallic) * cosine / total, vec.f32(0.0)), vec.f32(1.0 / MIN_AMBIENT)
-            )
+            # Smooth metals reflect dots away from the camera. Limited, and not NaN: the last store overruns into what
+            # may be the background.
+            width = roughness * roughness
+            scattered = one - metallic * (one - width * width)
+            share = vec.maximum(scattered * cosine / total, vec.f32(0.0))
+            share = vec.minimum(share, vec.f32(1.0 / MIN_AMBIENT))
             vec.store(lamp_share, x, share)
         # Schlick's (1 - h . l)^5 is below 1e-8 for a lamp that is 8 cm beside the camera and 0.3 m from the surface.
         store3(pixels.normal, x, STRIDE, (n_l * lamp, specular * lamp, vec.f32(0.0)))

@@ -46,7 +46,7 @@ def test_mirrors_are_holes_and_glass_shows_what_is_behind(realism: bool) -> None
         shares = plates(scene, projector=projector, realism=realism)
         assert shares["mirror"][0] < 0.1
         # Without the key light of realism, the lamp's highlight is matched, at the distance of its mirror image.
-        assert shares["brushed metal"][0] < (0.1 if realism else 0.5)
+        assert shares["brushed metal"][0] < (0.2 if realism else 0.5)
         filled, wrong = shares["glass"]
         assert filled > 0.75
         assert wrong < 0.04
