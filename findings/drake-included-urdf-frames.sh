@@ -5,6 +5,7 @@
 # Behaviour: it counts from the root link: the offsets of the URDF file's joints are left out. The link itself is where
 #   it should be. The same robot in SDF gives the right place.
 # Why it matters: tools and sensors that a world mounts on an arm stand at its base, without an error.
+# Seen 2026-11-29: z of what is relative to the link: URDF 0.0, SDF 0.5; the link itself is at 0.5 in both.
 set -euo pipefail
 folder=$(mktemp -d)
 trap 'rm -rf "$folder"' EXIT

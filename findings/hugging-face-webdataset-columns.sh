@@ -5,6 +5,7 @@
 #   is missing without a warning, and a fraction in a column that began with integers loses its digits: 1.5 is read as 1.
 # Why it matters: annotations keyed by object lose objects. Lists of records with the same fields, and floats written as
 #   floats, are safe.
+# Seen 2026-11-29: the sixth sample is {'score': 1, 'boxes': {'cat': [1, 2]}}, without its further file.
 set -euo pipefail
 folder=$(mktemp -d)
 trap 'rm -rf "$folder"' EXIT

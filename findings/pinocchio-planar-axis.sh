@@ -4,6 +4,7 @@
 # Behaviour: Pinocchio ignores the axis: the link moves in the x-y plane of the joint and turns about z. MuJoCo (and
 #   Drake) turn x and y by the shortest rotation from z to the axis.
 # Why it matters: the same values of the same joint give other poses, without a warning, unless the axis is z.
+# Seen 2026-11-29: Pinocchio [0.1, 0.2, 0.0], MuJoCo [0.0, 0.2, -0.1].
 set -euo pipefail
 folder=$(mktemp -d)
 trap 'rm -rf "$folder"' EXIT

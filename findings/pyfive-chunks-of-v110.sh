@@ -5,6 +5,7 @@
 #   RuntimeError, with "latest" AssertionError; data sets without chunks are read.
 # Why it matters: compressed data sets are chunked, so a file for readers without libhdf5 (browsers, cloud) needs
 #   libver="v108" or earlier.
+# Seen 2026-11-29: earliest and v108 read; v110, v112, v114 RuntimeError, layout class 4; latest AssertionError.
 set -euo pipefail
 folder=$(mktemp -d)
 trap 'rm -rf "$folder"' EXIT

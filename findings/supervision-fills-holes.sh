@@ -5,6 +5,7 @@
 #   more polygon, and the polygons of an object are united: the hole is filled, "area" stays without it. With
 #   use_iscrowd=False the mask is written as RLE, as iscrowd 1.
 # Why it matters: rings, mugs with handles and fences grow when a data set is split, merged or filtered.
+# Seen 2026-11-29: 148 pixels, read again 168, area 148.0.
 set -euo pipefail
 folder=$(mktemp -d)
 trap 'rm -rf "$folder"' EXIT

@@ -4,6 +4,7 @@
 # Behaviour: the bytes are written as they are to COLOR_0, which is linear by glTF 2.0, 3.7.2.1, while colours of PLY and
 #   OBJ are sRGB: the middle grey 128 is shown as 188.
 # Why it matters: all colours are paler than in the source, in viewers that follow the specification.
+# Seen 2026-11-29: 128 is stored as 128 of 255, which is shown as 188.
 set -euo pipefail
 folder=$(mktemp -d)
 trap 'rm -rf "$folder"' EXIT

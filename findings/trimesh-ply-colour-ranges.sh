@@ -4,6 +4,7 @@
 # Behaviour: 16-bit colours (ushort) are cut to their low byte: 32896, half, becomes 128 by luck, 1000, nearly black,
 #   becomes 232. Floats from 0 to 255 are all 255 above 1. Nothing warns.
 # Why it matters: scans with 16-bit or float colours load with noise, or white.
+# Seen 2026-11-29: uchar [220, 40, 10]; ushort [255, 128, 232]; float [255, 255, 255].
 set -euo pipefail
 folder=$(mktemp -d)
 trap 'rm -rf "$folder"' EXIT

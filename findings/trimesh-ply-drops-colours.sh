@@ -4,6 +4,7 @@
 # Behaviour: with texture coordinates (s t, u v, texture_u texture_v) the mesh has a grey texture material; there is no
 #   texture in the file, and the colours are gone from mesh.visual (its vertex_attributes still have them).
 # Why it matters: Blender 5 writes s and t beside colours by default, so its painted meshes load grey.
+# Seen 2026-11-29: without s t vertex [220 40 10 255]; with them texture [102 102 102 255].
 set -euo pipefail
 folder=$(mktemp -d)
 trap 'rm -rf "$folder"' EXIT

@@ -4,6 +4,7 @@
 # Behaviour: it gets 1 kg and a unit inertia, which the saved file has as if it had been measured.
 # Why it matters: the frames of tools and sensors are links without a mass; a robot that was read and saved once is
 #   heavier by a kilogram for each of them, in every simulator.
+# Seen 2026-11-29: masses 1.0 and 1.0, in memory and in the written file.
 set -euo pipefail
 folder=$(mktemp -d)
 trap 'rm -rf "$folder"' EXIT

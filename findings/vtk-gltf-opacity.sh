@@ -4,6 +4,7 @@
 # Behaviour: baseColorFactor has the alpha of 0.3, but there is no alphaMode. Its default is OPAQUE, for which glTF 2.0,
 #   3.9.4, says that alpha is ignored.
 # Why it matters: what is seen through in ParaView and PyVista is opaque in every viewer that follows the specification.
+# Seen 2026-11-29: baseColorFactor [1.0, 0.0, 0.0, 0.3], no alphaMode.
 set -euo pipefail
 folder=$(mktemp -d)
 trap 'rm -rf "$folder"' EXIT
