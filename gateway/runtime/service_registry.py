@@ -67,13 +67,13 @@ class Entry:
         if self.where:
             described["where"] = self.where
         if self.problem:
-            described["problem"] = _printable(self.problem)
+            described["problem"] = _encodable(self.problem)
         if self.progress is not None and self.state is State.STARTING:
             described.update(self.progress())
         if self.figures is not None and self.state is State.READY:
             described.update(self.figures())
         if warnings := [*described.get("warnings", ()), *self.warnings.listed()]:
-            described["warnings"] = [_printable(warning) for warning in warnings]
+            described["warnings"] = [_encodable(warning) for warning in warnings]
         return described
 
 
@@ -139,7 +139,7 @@ class ServiceRegistry:
         }
 
 
-def _printable(text: str) -> str:
+def _encodable(text: str) -> str:
     """Return a sentence that UTF-8 can encode: file names in it may have other bytes."""
     return text.encode("utf-8", "replace").decode()
 

@@ -57,7 +57,7 @@ class Corners(NamedTuple):
 
 
 class EightTriangles(NamedTuple):
-    """What coverage and depth of eight triangles are computed from."""
+    """Edges and depth planes of eight triangles, from which coverage and depth are computed."""
 
     ids: I32x8
     """Primitive ids."""

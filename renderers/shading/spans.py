@@ -104,7 +104,7 @@ def find_spans(segment: Segment, y: I64, columns: Address, pixel_ids: Pointer[I3
             bits &= (i64(1) << (width - x)) - 1
         _append_spans(segment, x, bits, count)
         count += vec.count_bits(bits)
-    # Whatever reads beyond the row finds a span there, which begins at its end.
+    # Reads beyond the row find one more span, which begins at the row's end.
     segment.start_bits[(width + _WORD - 1) // _WORD] = _ALL_BITS
     vec.store(segment.starts, count, vec.i32(width))
     return count

@@ -159,7 +159,7 @@ class UdpmTransport:
         now = time.monotonic()
         if now - self._listed_at >= ADDRESS_SECONDS:
             self._own_addresses, self._listed_at = udpm_socket.own_addresses(self._receiver), now
-        return address in self._own_addresses or address == "0.0.0.0" or address.startswith("127.")  # noqa: S104
+        return address in self._own_addresses or address == "0.0.0.0" or address.startswith("127.")  # noqa: S104 - not bound
 
     def _count_foreign(self, address: str) -> None:
         """Count a dropped datagram of another machine, and log the first one with the setting that receives them."""
