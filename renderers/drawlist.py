@@ -208,6 +208,7 @@ class Material:
     """Width and height of a point, pixels."""
     line_width: float = 1.0
     """Width of a line, pixels."""
+    casts_shadow: bool = True
     fallback: Material | None = None
     """Material in the looks of RenderEngineVtk, if VTK reads another one: it ignores KHR_materials_transmission and
     KHR_materials_pbrSpecularGlossiness, and has its own defaults for primitives without a material."""

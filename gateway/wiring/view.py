@@ -37,7 +37,7 @@ async def setup(context: Context, provided: Provided) -> Provided:
     metrics.watch_view(context.metrics, hub)
     context.app.include_router(router(hub))
     context.app.include_router(image_router(images, sensor, provided.recent_renders))
-    context.app.include_router(share_router(context.tree, context.page, context.timeline))
+    context.app.include_router(share_router(context.tree, context.page, context.timeline, rig=config.style.rig))
     context.run_service("view", hub, where="/view")
     if context.log is not None:
         context.run_service("log", context.log, where=str(context.log.timeline.path))

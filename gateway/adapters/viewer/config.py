@@ -32,7 +32,7 @@ class ViewerConfig:
     look: LookName = "studio"
     """Default look of single images."""
     stream_look: LookName = "plain"
-    """Default look of MJPEG streams. ``plain`` has the page's colours, and takes a fraction of ``studio``'s time."""
+    """Default look of MJPEG streams. ``plain`` takes a fraction of ``studio``'s time."""
     width: int = 960
     """Default width in pixels."""
     height: int = 640

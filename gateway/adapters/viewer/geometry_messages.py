@@ -60,6 +60,7 @@ def _material_message(material: Material, resources: Resources) -> messages.Page
         "unlit": material.unlit,
         "point_size": material.point_size,
         "line_width": material.line_width,
+        "casts_shadow": material.casts_shadow,
         "texture": _texture_message(material.base_color_texture, resources),
         "metallic_roughness_texture": _texture_message(material.metallic_roughness_texture, resources),
         "normal_texture": _texture_message(material.normal_texture, resources),

@@ -18,6 +18,7 @@ from gateway.adapters.viewer.config import ViewerConfig
 from gateway.adapters.viewer.control_frames import ControlFrames
 from gateway.adapters.viewer.encoder import Encoder, encode_page, encode_stereo_rig
 from gateway.adapters.viewer.frames import encode
+from gateway.adapters.viewer.light import encode_light
 from gateway.adapters.viewer.messages import ControlChange, Fact, Received, Status
 from gateway.adapters.viewer.resources import Resources
 from gateway.adapters.viewer.sources import StereoSource
@@ -184,6 +185,7 @@ class ViewHub:
             )
         self._advance()
         browser = Browser(self._encoder, self.resources, self._controls, self._browsers.discard)
+        browser.send_latest("light", encode_light(self.config.style.rig))
         browser.send_rig(self._rig_frame(self._encoder.current))
         if self._timeline is not None:
             browser.follow(self._timeline, has_live=self._has_live, rig_frame=self._rig_frame)

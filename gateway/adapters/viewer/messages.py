@@ -60,6 +60,7 @@ class PageMaterial(Fields):
     unlit: bool = False
     point_size: float = 1.0
     line_width: float = 1.0
+    casts_shadow: bool = True
     texture: TextureUse | None = None
     metallic_roughness_texture: TextureUse | None = None
     """Green: roughness, blue: metallic."""
@@ -222,6 +223,35 @@ class PageSettings(ViewMessage, tag="page"):
     """Paths at and below which clients receive clicks on geometry."""
 
 
+class PageLight(Fields):
+    """A punctual light, as ``renderers.drawlist.Light``."""
+
+    type: Literal["directional", "point", "spot"]
+    color: Vector
+    """Linear RGB times the intensity, lux or candela."""
+    position: Vector
+    direction: Vector
+    range: float
+    """0: no limit."""
+    inner_cone: float
+    outer_cone: float
+    casts_shadow: bool
+
+
+class PageLighting(ViewMessage, tag="light"):
+    """The light of the gateway's images: ``renderers.light_rig.Rig``."""
+
+    lights: list[PageLight]
+    ambient: list[float]
+    """Nine spherical harmonics of the environment's radiance, RGB each, in three.js' order."""
+    environment: Floats
+    """Equirectangular image of the environment's radiance, RGB, top row first, world frame, Z up."""
+    size: tuple[int, int]
+    """Height and width of the environment."""
+    exposure: float
+    tone: Literal["neutral", "aces", "none"]
+
+
 class PageControls(ViewMessage, tag="controls"):
     """Changes of the controls of programs."""
 
@@ -364,6 +394,7 @@ MESSAGES: Final = (
     PlacedRig,
     NoRig,
     PageSettings,
+    PageLighting,
     PageControls,
     Received,
     TimeState,

@@ -2,10 +2,10 @@
 
 A recording is a gzip stream of records, each a view frame with a time:
 ``f64 time | u32 frame bytes | u32 0 | frame, padded with zeros to a multiple of 8 bytes``, little-endian. The time is
-in seconds since the epoch. The frames are those of the WebSocket, in the order in which a page receives them: ``page``,
-and for each change of the scene its new ``mesh`` frames and an ``update``. Two further kinds replace what a page
-downloads: ``image`` (a texture as PNG) and ``channel`` (a channel of a point cloud). The last frame, ``end``, has the
-time until which the scene stays as it is.
+in seconds since the epoch. The frames are those of the WebSocket, in the order in which a page receives them:
+``light``, ``page``, and for each change of the scene its new ``mesh`` frames and an ``update``. Two further kinds
+replace what a page downloads: ``image`` (a texture as PNG) and ``channel`` (a channel of a point cloud). The last
+frame, ``end``, has the time until which the scene stays as it is.
 
 An update from revision 0 has the whole scene, as the first one does. Further ones follow the update that leads to the
 same revision, so that a page can start there.
@@ -15,7 +15,7 @@ from __future__ import annotations
 
 import struct
 import zlib
-from collections.abc import Awaitable, Callable
+from collections.abc import Awaitable, Callable, Sequence
 from dataclasses import replace
 from functools import partial
 from typing import Any, Final
@@ -45,12 +45,12 @@ _GZIP: Final = 16 + zlib.MAX_WBITS
 class Recorder:
     """Encodes snapshots as a recording. Not thread-safe."""
 
-    def __init__(self, page_frame: bytes, max_bytes: int = MAX_BYTES) -> None:
+    def __init__(self, page_frames: Sequence[bytes], max_bytes: int = MAX_BYTES) -> None:
         """
         Args:
-            page_frame: Frame with the page's settings.
+            page_frames: Frames with the page's light and settings.
         """
-        self._page_frame = page_frame
+        self._page_frames = page_frames
         self._max_bytes = max_bytes
         self._resources = Resources()
         self._encoder = Encoder(self._resources)
@@ -74,7 +74,8 @@ class Recorder:
             FileTooLargeError: the recording has more bytes than its limit.
         """
         if self._snapshot is EMPTY_SNAPSHOT:
-            self.add_frame(time, self._page_frame)
+            for frame in self._page_frames:
+                self.add_frame(time, frame)
         old, self._snapshot = self._snapshot, replace(snapshot, revision=self._snapshot.revision + 1)
         update = self._encoder.encode(old, self._snapshot)
         self._add_resources(time, update)

@@ -11,8 +11,10 @@ from importlib.resources import files
 from typing import Final
 
 from gateway.adapters.viewer.encoder import encode_page
+from gateway.adapters.viewer.light import encode_light
 from gateway.adapters.viewer.recording import MAX_BYTES, Recorder
 from gateway.scene.page.live_page import LivePage
+from renderers.light_rig import STUDIO, Rig
 
 STATIC: Final = files("gateway.adapters.viewer") / "static"
 """Folder with the files of the page, built from ``web``."""
@@ -28,16 +30,17 @@ _SCRIPT_END: Final = re.compile(r"<(/script|!--)", re.IGNORECASE)
 class SceneFileWriter(Recorder):
     """Writes states of the scene as one HTML file. Not thread-safe."""
 
-    def __init__(self, page: LivePage, view: str = "", max_bytes: int = MAX_BYTES) -> None:
+    def __init__(self, page: LivePage, view: str = "", max_bytes: int = MAX_BYTES, rig: Rig = STUDIO) -> None:
         """
         Args:
             page: page whose view settings the file has. Nothing is clickable: clicks in a file have no receiver.
             view: as for ``scene_html``.
             max_bytes: limit of the recording.
+            rig: light of the page.
         """
         recorded = LivePage()
         recorded.view = page.view
-        super().__init__(encode_page(recorded), max_bytes)
+        super().__init__((encode_light(rig), encode_page(recorded)), max_bytes)
         self._view = view
 
     def finish(self, end: int) -> bytes:

@@ -15,6 +15,7 @@ from gateway.runtime.http.plain_error_route import PlainErrorRoute
 from gateway.scene.page.live_page import LivePage
 from gateway.scene.tree.live import LiveTree
 from gateway.scene.tree.timeline import Timeline
+from renderers.light_rig import STUDIO, Rig
 
 DEFAULT_RATE: Final = 30.0
 """Default number of samples per second: the motion looks continuous."""
@@ -45,13 +46,18 @@ HEADERS: Final = {"Cache-Control": "no-store", "Content-Disposition": 'attachmen
 
 
 def share_router(
-    tree: LiveTree, page: LivePage, history: Timeline | None = None, max_bytes: int = MAX_BYTES
+    tree: LiveTree,
+    page: LivePage,
+    history: Timeline | None = None,
+    max_bytes: int = MAX_BYTES,
+    rig: Rig = STUDIO,
 ) -> APIRouter:
     """Return the routes of this module. One file is written at a time.
 
     Args:
         history: recent states of the tree; None: there are none, and files have the newest state.
         max_bytes: limit of a recording.
+        rig: light of the page.
     """
     router = APIRouter(tags=["Browser view"], route_class=PlainErrorRoute)
     one_at_a_time = asyncio.Lock()
@@ -83,7 +89,7 @@ def share_router(
         request: Request, seconds: Seconds = None, rate: Rate = DEFAULT_RATE, view: View = ""
     ) -> Response:
         """The page with the scene and its recent motion, which a browser opens without a gateway."""
-        writer = SceneFileWriter(page, view, max_bytes)
+        writer = SceneFileWriter(page, view, max_bytes, rig)
         body = await while_connected(request, written(writer, seconds, rate))
         return Response(body, media_type="text/html; charset=utf-8", headers=HEADERS)
 

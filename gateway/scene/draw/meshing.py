@@ -50,6 +50,8 @@ def meshes_of(shape: Shape, material: Material) -> tuple[PlacedMesh, ...]:
     of lengths, and of the radii of ellipsoids, are ignored, since the mirrored shapes look the same.
     """
     shape_meshes = _shape_meshes(shape)
+    if isinstance(shape, Triad) or (isinstance(shape, Line) and (shape.start_head or shape.end_head)):
+        material = replace(material, casts_shadow=False)  # arrows and axes are drawn into the scene: they are not in it
     white = material
     if any(has_own_colors for _, has_own_colors, _ in shape_meshes):  # the renderer multiplies both colours
         white = replace(material, base_color=(1.0, 1.0, 1.0, material.base_color[3]))

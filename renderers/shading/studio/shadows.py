@@ -80,10 +80,14 @@ def map_side(max_side: int, extent: float, pixel_metres: float) -> int:
 
 
 def casters(instances: Sequence[Instance]) -> NDArray[np.bool_]:
-    """Return a mask of the instances that cast shadows, (n,): those of triangles whose material is not blended."""
+    """Return a mask of the instances that cast shadows, (n,): triangles whose material casts them, not blended."""
     triangles, blended = int(Topology.TRIANGLES), AlphaMode.BLEND
     return np.array(
-        [i.mesh.elements.shape[1] == triangles and i.material.alpha_mode is not blended for i in instances], np.bool_
+        [
+            i.mesh.elements.shape[1] == triangles and i.material.casts_shadow and i.material.alpha_mode is not blended
+            for i in instances
+        ],
+        np.bool_,
     )
 
 

@@ -51,7 +51,7 @@ class Client:
         async with asyncio.timeout(SECONDS):
             async for frame in self.frames:
                 header, _ = parse_frame(frame)
-                if header["kind"] in ("status", "rig", "page", "controls", "received"):
+                if header["kind"] in ("status", "rig", "page", "light", "controls", "received"):
                     self.latest[header["kind"]] = header
                     continue
                 self.model.receive(frame)

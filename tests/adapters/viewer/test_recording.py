@@ -24,7 +24,7 @@ from tests.adapters.viewer.model import Model, tree_of
 from tests.adapters.viewer.recordings import SECOND, States, frames_of, headers_of
 from tests.support.view_frames import parse_frame
 
-PAGE = encode_page(LivePage())
+PAGE = (encode_page(LivePage()),)
 
 
 def moving_scene(count: int) -> States:

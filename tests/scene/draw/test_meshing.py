@@ -391,3 +391,17 @@ def test_points_beyond_the_largest_extent_are_left_out(axis: int, value: float) 
     points[1, axis] = value
     ((mesh, _, _),) = meshes_of(PointCloud(points), MATERIAL)
     assert len(mesh.positions) == (2 if value == -1e13 else 1)
+
+
+@pytest.mark.parametrize(
+    ("shape", "casts_shadow"),
+    [
+        (Triad(1.0, True), False),
+        (Line(np.eye(3, dtype=np.float32), radius=0.01, head_radius=0.02, end_head=True), False),
+        (Line(np.eye(3, dtype=np.float32), radius=0.01), True),
+        (Box((1.0, 1.0, 1.0)), True),
+    ],
+    ids=["triad", "arrow", "line", "box"],
+)
+def test_marks_cast_no_shadows(shape: Shape, casts_shadow: bool) -> None:
+    assert {material.casts_shadow for _, material, _ in meshes_of(shape, Material())} == {casts_shadow}

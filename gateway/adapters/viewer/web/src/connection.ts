@@ -10,6 +10,7 @@ const ARRAYS: Record<string, Record<string, new (buffer: ArrayBuffer, at: number
   image: { data: Uint8Array },
   channel: { data: Uint8Array },
   poses: { ids: Uint32Array, values: Float32Array },
+  light: { environment: Float32Array },
   matrices: { ids: Uint32Array, values: Float64Array },
 };
 

@@ -39,6 +39,7 @@ const handlers: Handlers = {
   },
   forget: ({ meshes }) => viewer.drawing.forget(meshes),
   rig: (message) => viewer.frustum.show(message),
+  light: (message) => viewer.light(message),
   page: (message) => viewer.configure(message),
   controls: (message) => {
     programControls.receive(message);

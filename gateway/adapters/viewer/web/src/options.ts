@@ -34,12 +34,20 @@ export class Option<T extends string> {
 export type Switch = Option<"off" | "on">;
 const toggle = (name: string, fallback: "off" | "on"): Switch => new Option(name, ["off", "on"], fallback);
 
+/** Name of the graphics device if it is the processor, or else null. */
+export const softwareDevice: string | null = (() => {
+  const context = typeof document === "undefined" ? null : document.createElement("canvas").getContext("webgl2");
+  const name = String(context?.getParameter(context.getExtension("WEBGL_debug_renderer_info")?.UNMASKED_RENDERER_WEBGL ?? context.RENDERER) ?? "");
+  context?.getExtension("WEBGL_lose_context")?.loseContext();
+  return /swiftshader|llvmpipe|softpipe|software|basic render/i.exec(name)?.[0] ?? null;
+})();
+
 const switches = {
   grid: toggle("grid", "on"),
   axes: toggle("axes", "on"),
   wireframe: toggle("wireframe", "off"),
   orthographic: toggle("orthographic", "off"),
-  shadows: toggle("shadows", "off"),
+  shadows: toggle("shadows", softwareDevice ? "off" : "on"),
   occlusion: toggle("occlusion", "off"),
   shortcuts: toggle("shortcuts", "on"),
 };

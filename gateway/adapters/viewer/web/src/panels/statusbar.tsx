@@ -1,5 +1,6 @@
 // Status bar: a light for all interfaces, facts, rates.
 
+import { softwareDevice } from "../options";
 import { isRecorded } from "../recorded/resources";
 import type { Session } from "../session";
 import { InterfaceLights } from "../tools/interfacelights";
@@ -19,6 +20,9 @@ export function StatusBar({ session }: { session: Session }) {
         {`${nodes} ${nodes === 1 ? "node" : "nodes"}`}
         <span class="wide">{` · revision ${revision} · ${updates} updates/s`}</span>
         {` · ${frames} fps`}
+        {softwareDevice && (
+          <span title="This browser draws on the processor: shadows are off, and moving scenes are slower">{` · ${softwareDevice}`}</span>
+        )}
       </span>
     </footer>
   );

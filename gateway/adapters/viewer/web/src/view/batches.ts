@@ -19,6 +19,7 @@ export class Batch extends InstancedMesh<BufferGeometry, Material> {
     readonly key: string,
     geometry: BufferGeometry,
     material: Material,
+    castsShadow: boolean,
   ) {
     super(geometry, material, INITIAL_CAPACITY);
     this.instanceMatrix.setUsage(DynamicDrawUsage);
@@ -26,7 +27,8 @@ export class Batch extends InstancedMesh<BufferGeometry, Material> {
     this.count = 0;
     this.frustumCulled = false; // otherwise every pose would need new bounds
     this.matrixAutoUpdate = false;
-    this.castShadow = this.receiveShadow = true;
+    this.castShadow = castsShadow;
+    this.receiveShadow = true;
   }
 
   append(node: TreeNode, matrix: Matrix4, color: Color): BatchInstance {

@@ -141,7 +141,8 @@ export class Drawing {
     const key = `${draw.mesh} ${this.materials.key(draw.material, hasColors)}`;
     let batch = this.batches.get(key);
     if (!batch) {
-      batch = new Batch(draw.mesh, key, geometry, this.materials.acquire("opaque", draw.material, hasColors));
+      const material = this.materials.acquire("opaque", draw.material, hasColors);
+      batch = new Batch(draw.mesh, key, geometry, material, draw.material.castsShadow !== false);
       this.batches.set(key, batch);
       this.root.add(batch);
     }

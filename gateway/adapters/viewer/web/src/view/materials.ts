@@ -152,7 +152,6 @@ export class Materials {
       roughness,
       roughnessMap: map,
       envMap: metallic > 0 ? this.stage.lights.environmentMap : null,
-      envMapIntensity: 0.3,
       envMapRotation: new THREE.Euler(Math.PI / 2, 0, 0),
     });
   }

@@ -141,7 +141,6 @@ export class Stage {
     const { viewer, rendering, rig } = this;
     this.dirty = false;
     rig.updateClippingPlanes();
-    this.lights.placeHeadlight(rig.camera, rig.controls.target);
     this.clouds.start(rendering?.hasOcclusion === true);
     viewer.topView.draw(renderer, this.scene, rig.controls.target, rig.halfHeightAtTarget);
     rendering?.draw(rig.camera, rig.halfHeightAtTarget, viewer.materials.areTranslucent);

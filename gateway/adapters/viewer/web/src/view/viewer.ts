@@ -5,7 +5,7 @@ import type { Box3 } from "three";
 import type { TreeNode } from "../model";
 import { type Option, options } from "../options";
 import type { Panels } from "../panels/panels";
-import type { Click, PageSettings, SceneUpdate, TimeCommand } from "../protocol";
+import type { Click, PageLighting, PageSettings, SceneUpdate, TimeCommand } from "../protocol";
 import { isRecorded } from "../recorded/resources";
 import type { Session } from "../session";
 import { CameraAddress } from "../tools/address";
@@ -142,6 +142,13 @@ export class Viewer {
     if (!this.session.isEmpty.peek()) this.home.followNodes(change.added.length > 0);
     if (change.added.length || change.removed.length) this.placeShadows();
     this.stage.redraw();
+  }
+
+  /** Adopt the light of the gateway's images. */
+  light(lighting: PageLighting): void {
+    this.stage.lights.set(lighting);
+    this.materials.renewEnvironment();
+    this.placeShadows();
   }
 
   /** Apply the view settings of a client. */
