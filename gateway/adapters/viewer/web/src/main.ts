@@ -71,6 +71,11 @@ function dropUnusedMeshes(): void {
   for (let first = 0; first < unused.length; first += 500) connection.report({ forgot: unused.slice(first, first + 500) });
 }
 
+const isDemo = () => {
+  const { interfaces = {} } = session.status.value ?? {};
+  return "demo" in interfaces && "stereo" in interfaces;
+};
+
 /** Open a panel when it has content for the first time. */
 function openFor(tab: Tab, hasContent: () => boolean): void {
   const stop = effect(() => {
@@ -79,7 +84,7 @@ function openFor(tab: Tab, hasContent: () => boolean): void {
     queueMicrotask(() => stop());
   });
 }
-openFor("Stereo", () => session.streaming.value);
+openFor("Stereo", () => session.streaming.value || isDemo());
 openFor("Controls", () => programControls.all.value.length > 0);
 
 listenForShortcuts(viewer);

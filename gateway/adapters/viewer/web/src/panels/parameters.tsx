@@ -22,8 +22,8 @@ interface Parameter {
   description: string;
 }
 
-/** The parameters of all nodes, read when they are shown. */
-export function Parameters() {
+/** The parameters of all nodes, read when they are shown. `size`: width and height of the camera's images. */
+export function Parameters({ size }: { size: [number, number] | null }) {
   const groups = useSignal<{ node: string; title: string; parameters: Parameter[] }[]>([]);
   const load = async () => {
     const read = async ([node, title]: [string, string]) => {
@@ -40,7 +40,7 @@ export function Parameters() {
         <details key={node} class="group">
           <summary>{title}</summary>
           {parameters.map((parameter) => (
-            <Control key={parameter.name} url={`${BASE}/${node}/parameters/${parameter.name}`} parameter={parameter} />
+            <Control key={parameter.name} url={`${BASE}/${node}/parameters/${parameter.name}`} parameter={parameter} size={size} />
           ))}
         </details>
       ))}
@@ -49,20 +49,26 @@ export function Parameters() {
 }
 
 /** Return a parameter as a control, and what it does. The description of an enumeration ends with a list of its choices. */
-function controlOf({ name, type, value, min, max, description }: Parameter): { control: ProgramControl; about: string } {
+function controlOf(
+  { name, type, value, min, max, description }: Parameter,
+  size: [number, number] | null,
+): { control: ProgramControl; about: string } {
   const text = description.replace(WITHOUT_EFFECT, "");
   const list = type === "string" ? text.lastIndexOf(":") : text.length;
   const options = text.slice(list + 1).split(",");
+  // The device takes regions beyond its image.
+  const extent = size && (/_(offset_x|width)$/.test(name) ? size[0] : /_(offset_y|height)$/.test(name) ? size[1] : null);
+  const shownMax = extent === null ? max : Math.max(Number(value), Math.min(max, extent));
   const isLogarithmic = min > 0 && max / min > 200;
   const step = type === "int32" ? 1 : undefined;
-  const definition = { id: 0, path: [name], type: TYPES[type], value, min, max, step, logarithmic: isLogarithmic };
+  const definition = { id: 0, path: [name], type: TYPES[type], value, min, max: shownMax, step, logarithmic: isLogarithmic };
   const control = { definition: { ...definition, options: options.map((choice) => choice.trim()) }, value: signal(value), samples: signal([]) };
   return { control, about: text.slice(0, list) };
 }
 
-function Control({ url, parameter }: { url: string; parameter: Parameter }) {
+function Control({ url, parameter, size }: { url: string; parameter: Parameter; size: [number, number] | null }) {
   const problem = useSignal("");
-  const { control, about } = useMemo(() => controlOf(parameter), [parameter]);
+  const { control, about } = useMemo(() => controlOf(parameter, size), [parameter]);
   const timer = useRef(0);
   const set = (next: ControlValue) => {
     control.value.value = typeof next === "number" && parameter.type === "int32" ? Math.round(next) : next;

@@ -68,7 +68,7 @@ export function SensorsPanel({ viewer }: { viewer: Viewer }) {
               </figure>
             ))}
           </div>
-          {active && <Parameters key={connection.state} />}
+          {active && <Parameters key={connection.state} size={viewer.frustum.imageSize} />}
         </>
       )}
     </section>

@@ -1,7 +1,8 @@
 // Keys of the page, and the menu that lists them with the mouse actions.
 
 import { useRef } from "preact/hooks";
-import { options } from "../options";
+import { options, type SwitchName } from "../options";
+import { snapshot } from "../view/downloads";
 import type { Viewer } from "../view/viewer";
 
 interface Shortcut {
@@ -13,11 +14,15 @@ interface Shortcut {
 
 const MENU_ID = "keys";
 const MOUSE: [string, string][] = [
-  ["Drag, arrows", "Turn; arrows pan"],
-  ["Right drag, wheel", "Pan, zoom to the pointer"],
+  ["Drag", "Turn"],
+  ["Right drag, arrows", "Pan"],
+  ["Wheel", "Zoom to the pointer"],
   ["Click, Enter", "Select what is there"],
   ["Double click in the tree", "Fit that path"],
 ];
+
+const togglePopover = (id: string) => document.getElementById(id)?.togglePopover();
+const flip = (name: SwitchName) => options[name].choose(options[name].shown.peek() === "on" ? "off" : "on");
 
 function shortcuts(viewer: Viewer): Shortcut[] {
   const { panels, timeline, measurement, session } = viewer;
@@ -36,9 +41,17 @@ function shortcuts(viewer: Viewer): Shortcut[] {
     { keys: ["l"], text: "Go live", run: () => timeline.live() },
     { keys: [","], text: "One change back", run: () => timeline.step(-1) },
     { keys: ["."], text: "One change forward", run: () => timeline.step(1) },
+    { keys: ["g"], text: "Grid", run: () => flip("grid") },
+    { keys: ["a"], text: "Axes of the world", run: () => flip("axes") },
+    { keys: ["w"], text: "Wireframe", run: () => flip("wireframe") },
+    { keys: ["o"], text: "Orthographic", run: () => flip("orthographic") },
+    { keys: ["b"], text: "From above, beside the view", run: () => (viewer.topView.isShown.value = !viewer.topView.isShown.value) },
+    { keys: ["d"], text: "Display menu", run: () => togglePopover("display") },
+    { keys: ["i"], text: "This view as PNG", run: () => snapshot(viewer) },
+    { keys: ["r"], text: "Start a film, end it", run: () => viewer.film.toggle() },
     { keys: ["t"], text: "Scene tree", run: () => panels.toggle("left") },
     { keys: ["s"], text: "Panels", run: () => panels.toggle("right") },
-    { keys: ["?"], text: "This list", run: () => document.getElementById(MENU_ID)?.togglePopover() },
+    { keys: ["?"], text: "This list", run: () => togglePopover(MENU_ID) },
     { keys: ["Escape"], text: "Close, stop measuring, deselect", run: () => panels.closeDrawers() || measurement.stop() || viewer.select(null) },
   ];
 }

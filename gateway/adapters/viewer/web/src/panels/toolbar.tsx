@@ -9,11 +9,12 @@ import { Icon } from "./icons";
 
 const HOME = "The home view: everything, from the front right, unless a client has set another (H)";
 const RENDER = "This view by the gateway's rasterizer, as PNG";
+const FILM = "A film of the view as WebM, until the next click (R)";
 const PAGE = "This page with the scene and its recent motion in one file, which opens without a gateway";
 const FILE = "The visible scene as .glb, with this view as its camera";
 
 export function Toolbar({ viewer }: { viewer: Viewer }) {
-  const { panels, measurement } = viewer;
+  const { panels, measurement, film } = viewer;
   const word = (text: string) => <span class="word">{text}</span>;
   const panel = "Selection, stereo camera, renders, controls (S)";
   return (
@@ -32,9 +33,14 @@ export function Toolbar({ viewer }: { viewer: Viewer }) {
         <span class="gap" />
         <DisplayMenu viewer={viewer} />
         <span class="space" />
-        <Button icon="snapshot" title="This view as PNG" onClick={() => snapshot(viewer)}>
+        <Button icon="snapshot" title="This view as PNG (I)" onClick={() => snapshot(viewer)}>
           {word("PNG")}
         </Button>
+        {film.isPossible && (
+          <Button icon="film" title={FILM} pressed={film.isRecording.value} onClick={film.toggle}>
+            {word(film.isRecording.value ? "Stop" : "Film")}
+          </Button>
+        )}
         {!isRecorded() && (
           <>
             <Download icon="render" title={RENDER} download="scenegate-render.png" url={() => rendering(viewer)}>
@@ -49,7 +55,9 @@ export function Toolbar({ viewer }: { viewer: Viewer }) {
           </>
         )}
       </div>
-      <Button icon="panel" title={panel} pressed={panels.right.value} onClick={() => panels.toggle("right")} />
+      <Button icon="panel" title={panel} pressed={panels.right.value} onClick={() => panels.toggle("right")}>
+        {word("Panels")}
+      </Button>
     </header>
   );
 }

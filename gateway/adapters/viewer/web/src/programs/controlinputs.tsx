@@ -71,10 +71,14 @@ function SliderRow({ control, set }: InputProps) {
 /** Number with unit. A number beyond the limits becomes the limit. */
 function NumberField({ control, set, id, label }: InputProps & { id?: string; label?: string }) {
   const { min = -Infinity, max = Infinity, step, unit, type } = control.definition;
+  const limited = useSignal("");
   const commit = (text: string) => {
     const number = Number.parseFloat(text);
-    if (Number.isFinite(number)) set(Math.min(Math.max(number, min), max));
+    if (!Number.isFinite(number)) return;
+    limited.value = number < min ? `at least ${short(min)}` : number > max ? `at most ${short(max)}` : "";
+    set(Math.min(Math.max(number, min), max));
   };
+  const degrees = unit === "rad" && `${((180 / Math.PI) * Number(control.value.value)).toFixed(1)}°`;
   const limits = { min: Number.isFinite(min) ? min : undefined, max: Number.isFinite(max) ? max : undefined };
   const keyStep = step ?? (type === "slider" ? "any" : undefined);
   return (
@@ -83,6 +87,12 @@ function NumberField({ control, set, id, label }: InputProps & { id?: string; la
       {unit && (
         <span class="unit" title={unit}>
           {unit}
+        </span>
+      )}
+      {degrees && <span class="unit">{degrees}</span>}
+      {limited.value && (
+        <span class="limited" role="status">
+          {limited}
         </span>
       )}
     </span>

@@ -39,7 +39,7 @@ function saveAs(href: string, fileName: string): void {
   Object.assign(document.createElement("a"), { href, download: fileName }).click();
 }
 
-function saveBlob(blob: Blob, fileName: string): void {
+export function saveBlob(blob: Blob, fileName: string): void {
   const url = URL.createObjectURL(blob);
   saveAs(url, fileName);
   setTimeout(() => URL.revokeObjectURL(url), 10_000);

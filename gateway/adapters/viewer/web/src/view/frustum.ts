@@ -8,6 +8,8 @@ const IMAGE_PLANE_DISTANCE = 0.25;
 
 export class Frustum {
   readonly object = new LineSegments(new BufferGeometry(), new LineBasicMaterial());
+  /** Width and height of the camera's images, pixels. */
+  imageSize: [number, number] | null = null;
   private hasPose = false;
   private isShown = false;
 
@@ -26,6 +28,7 @@ export class Frustum {
   show(rig: PlacedRig | NoRig): void {
     this.hasPose = rig.pose !== null;
     if (rig.pose) {
+      this.imageSize = [rig.width, rig.height];
       this.object.matrix.fromArray(rig.pose);
       this.object.matrixWorldNeedsUpdate = true;
       this.object.geometry.dispose();

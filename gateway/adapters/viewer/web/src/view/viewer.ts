@@ -9,6 +9,7 @@ import type { Click, PageLighting, PageSettings, SceneUpdate, TimeCommand } from
 import { isRecorded } from "../recorded/resources";
 import type { Session } from "../session";
 import { CameraAddress } from "../tools/address";
+import { Film } from "../tools/film";
 import { Follow } from "../tools/follow";
 import { Marks } from "../tools/marks";
 import { Measurement } from "../tools/measure";
@@ -36,6 +37,7 @@ export class Viewer {
     this.stage.rig.placements += 1; // it is not the home view any more
     this.address.write();
   });
+  readonly film = new Film(this.stage.canvas);
   readonly measurement = new Measurement(this.stage.redraw);
   readonly marks = new Marks(this.session.model, this.stage.rig.origin, this.holder);
   readonly timeline = new Timeline(this.report, () => this.address?.write());
