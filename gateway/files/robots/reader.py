@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from dataclasses import replace
 from pathlib import Path
 from typing import Final
 
@@ -88,7 +89,9 @@ def _read(
             raise RobotFileError("MuJoCo reads files only, not pipes: write it into a file first")
         from gateway.files.robots.mjcf import read_mjcf  # needs the package mujoco, which is optional
 
-        return read_mjcf(root, files, geometry, keyframe, limits)
+        robot = read_mjcf(root, files, geometry, keyframe, limits)
+        warn_of_unused(files.xacro_args, files.used_args, warnings)
+        return replace(robot, warnings=(*robot.warnings, *warnings))
     if keyframe:
         raise RobotFileError("only MJCF files have keyframes")
     model = parse_links(root, files, geometry, limits, warnings)

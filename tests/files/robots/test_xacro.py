@@ -123,6 +123,13 @@ def test_arguments_of_included_files(tmp_path: Path, read: Callable[..., Robot[A
     assert "--xacro-arg a:=" in warning
 
 
+def test_arguments_that_mjcf_does_not_use_are_a_warning(tmp_path: Path) -> None:
+    pytest.importorskip("mujoco")
+    model = '<mujoco><worldbody><body name="a"><geom size="1"/></body></worldbody></mujoco>'
+    (warning,) = read_robot(write(tmp_path, model, "model.xml"), xacro_args={"dof": 7}).warnings
+    assert "--xacro-arg dof" in warning
+
+
 def test_invalid_arguments(tmp_path: Path) -> None:
     assert parse_xacro_args(["a:=b:=c", "d:="]) == {"a": "b:=c", "d": ""}
     for texts in (["a"], [":=b"], ["a=b"], ["a:=1", "a:=2"]):
