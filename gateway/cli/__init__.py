@@ -7,6 +7,7 @@ import sys
 from collections.abc import Sequence
 
 from gateway.cli import first_line
+from scenegate.cli.output import exit_with_usage_error
 
 
 def main(arguments: Sequence[str]) -> None:
@@ -27,4 +28,10 @@ def main(arguments: Sequence[str]) -> None:
         sys.exit(0 if print_findings() else 1)
     from gateway.cli.commands import app  # after the line: where files are not in memory, it takes seconds
 
-    app(arguments, prog_name="scenegate")
+    try:
+        sys.exit(app(arguments, prog_name="scenegate", standalone_mode=False))
+    except Exception as error:
+        if not hasattr(error, "format_message"):  # Typer exports none of its errors' base classes
+            raise
+        context = getattr(error, "ctx", None)
+        exit_with_usage_error(context.command_path if context else "scenegate", error.format_message())

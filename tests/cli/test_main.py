@@ -97,8 +97,8 @@ def test_help_lists_the_commands_of_both_distributions() -> None:
 @pytest.mark.parametrize(
     ("arguments", "hint"),
     [
-        (["strem"], "there is no command 'strem'; did you mean stream?"),
-        (["--verison"], "there is no command '--verison'; did you mean --version?"),
+        (["strem"], "there is no command 'strem'; did you mean stream"),
+        (["--verison"], "there is no command '--verison'; did you mean --version"),
         (["play", __file__, "--duratoin", "3"], "unrecognized arguments: --duratoin 3; did you mean --duration"),
         (["serve", "--http-prot", "0"], "--http-port"),
     ],

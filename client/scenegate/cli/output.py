@@ -19,9 +19,16 @@ def print_note(text: str) -> None:
     print(printable(text), file=sys.stderr, flush=True)
 
 
+def exit_with_usage_error(command: str, message: str) -> NoReturn:
+    """Write why a command cannot be run as it was typed, and exit with 2."""
+    sentence = message.replace("Value error, ", "").rstrip(".?")  # pydantic's prefix of our own sentences
+    print_note(f"{command}: {sentence[:1].lower()}{sentence[1:]}; `{command} --help` explains it")
+    sys.exit(2)
+
+
 class ArgumentParser(argparse.ArgumentParser):
-    """Parser that names invalid arguments without their control characters."""
+    """Parser whose errors are those of all commands."""
 
     def error(self, message: str) -> NoReturn:
-        """Print usage and error, and exit with 2."""
-        super().error(printable(message))
+        """Print the error, and exit with 2."""
+        exit_with_usage_error(self.prog, message)
