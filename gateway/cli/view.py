@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+from functools import partial
 from pathlib import Path
 from typing import Annotated, Final
 
@@ -50,11 +51,11 @@ def view(
                 else:
                     bar.end()
 
-            app = create_app(settings, log=LogService(timeline, on_progress))
+            create = partial(create_app, settings, log=LogService(timeline, on_progress))
             url = f"http://{HOST}:{listener.getsockname()[1]}/view"
             print_note(f"{log} is at {url} until Ctrl+C.")
             if open_page:
                 typer.launch(url)
-            code = serve_app(app, listener)
+            code = serve_app(create, listener)
     print_warnings(log, timeline.incomplete.listed())
     raise typer.Exit(code)
