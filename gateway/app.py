@@ -48,9 +48,9 @@ from renderers.cache import SHARED
 if TYPE_CHECKING:
     from multiprocessing.connection import Connection
 
+    from gateway.replay.log_service import LogService
     from gateway.runtime.state.service import PersistentState
     from gateway.runtime.workers.worker_reports import WorkerReports
-    from gateway.wiring.log import LogService
 
 DESCRIPTION = "Drake's glTF render server, an rc_visard stereo camera and Director's tree viewer, on one scene."
 POLLED_PATHS = frozenset({"/view/sensor", "/view/renders", *(f"/view/sensor/{name}.jpg" for name in IMAGE_NAMES)})

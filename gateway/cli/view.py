@@ -25,10 +25,10 @@ def view(
     """Show an LCM log in the browser, at any time of it: tree viewer clients, Drake's simulations."""
     from gateway.app import create_app
     from gateway.cli.serve_app import serve_app
+    from gateway.replay.log_service import LogService
     from gateway.runtime.kernels.loading import ensure_compiled
     from gateway.runtime.logs import log_setup
     from gateway.runtime.workers import process_tuning
-    from gateway.wiring.log import LogService
     from scenegate.cli.progress_bar import progress_bar
 
     # Page and scene, without LCM, state file, demo or TLS, whatever the environment says.

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any, Final
 import structlog
 from fastapi import FastAPI
 
+from gateway.replay.history import TreeHistory
 from gateway.runtime.http.interface_names import title_of
 from gateway.runtime.http.security import Security
 from gateway.runtime.kernels.loading import KernelLoader
@@ -23,7 +24,6 @@ from gateway.runtime.workers.worker_pool import WorkerPool
 from gateway.scene.draw.flatten import Flattener
 from gateway.scene.draw.live_scene import LiveScene
 from gateway.scene.page.live_page import LivePage
-from gateway.scene.tree.history import TreeHistory
 from gateway.scene.tree.labels import LabelTable
 from gateway.scene.tree.live import LiveTree
 from gateway.wiring.provided import Provided
@@ -33,10 +33,10 @@ if TYPE_CHECKING:
     from multiprocessing.connection import Connection
 
     from gateway.files.assets.mesh_files import MeshFiles
+    from gateway.replay.log_service import LogService
     from gateway.runtime.state.service import PersistentState
     from gateway.runtime.workers.worker_reports import WorkerReports
     from gateway.scene.tree.timeline import Timeline
-    from gateway.wiring.log import LogService
 
 _log = structlog.get_logger("gateway")
 

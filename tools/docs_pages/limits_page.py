@@ -112,8 +112,8 @@ CONSTANTS: Final[tuple[tuple[str, str, tuple[str, ...]], ...]] = (
     ("Errors of the render endpoint", "gateway.adapters.render.errors", ("MAX_MESSAGE_BYTES", "_MAX_ECHO")),
     ("Browser view: messages", "gateway.adapters.viewer.routes", ("MAX_MESSAGE_CHARS", "MAX_CHANGES", "MAX_CLICKS")),
     ("Browser view: images of the stereo camera", "gateway.adapters.viewer.sensor_images", ("MAX_ENCODED_IMAGES",)),
-    ("Browser view: a scene in one file", "gateway.adapters.viewer.recording", ("MAX_BYTES",)),
-    ("Files with motion", "gateway.scene.tree.sampling", ("MAX_SAMPLES",)),
+    ("Browser view: a scene in one file", "gateway.replay.page_recorder", ("MAX_BYTES",)),
+    ("Files with motion", "gateway.scene.tree.timeline", ("MAX_SAMPLES",)),
     (
         "Images",
         "renderers.images",

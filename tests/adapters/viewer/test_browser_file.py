@@ -15,7 +15,7 @@ from PIL import Image
 from tests.adapters.viewer.page import Publisher, View
 from tests.adapters.viewer.recordings import frames_of
 from tests.adapters.viewer.test_browser import GREEN, RED, SQUARE, UPRIGHT, png
-from tests.adapters.viewer.test_scene_file import recording_of
+from tests.replay.test_page_file import recording_of
 from tests.support import clients
 from tests.support.browser import chromium, wait_in_page
 from tests.support.gateway_process import GatewayProcess, gateway_process

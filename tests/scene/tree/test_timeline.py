@@ -6,7 +6,7 @@ import pytest
 
 from gateway.scene.tree.live import Snapshot
 from gateway.scene.tree.nodes import Node
-from gateway.scene.tree.sampling import FileTooLargeError, samples
+from gateway.scene.tree.timeline import FileTooLargeError, samples
 from tests.adapters.viewer.recordings import SECOND, States
 
 TREE = Node(children={"box": Node()})
