@@ -39,7 +39,6 @@ CLASSES: Final[tuple[tuple[str, str, str], ...]] = (
     ("Stereo camera", "gateway.adapters.stereo.device.camera_config", "StereoConfig"),
     ("Scene over HTTP", "gateway.adapters.sceneapi.config", "SceneApiConfig"),
     ("Browser view", "gateway.adapters.viewer.config", "ViewerConfig"),
-    ("State", "gateway.runtime.state.service", "StateConfig"),
 )
 """Heading, module and class of each group of limits that are fields."""
 CONSTANTS: Final[tuple[tuple[str, str, tuple[str, ...]], ...]] = (
@@ -74,6 +73,7 @@ CONSTANTS: Final[tuple[tuple[str, str, tuple[str, ...]], ...]] = (
     ),
     ("Packages of meshes", "scenegate.robots.ros_packages", ("MAX_FOLDERS", "MAX_DEPTH")),
     ("Robot files: MJCF", "gateway.files.robots.mjcf_files", ("MAX_INCLUDES",)),
+    ("State", "gateway.runtime.state.service", ("MAX_WAITING_BYTES",)),
     ("Labels", "gateway.scene.tree.labels", ("MAX_LABELS",)),
     (
         "Cameras as text",
@@ -148,8 +148,6 @@ _NOT_LIMITS: Final = frozenset(
         "max_update_rate",
         "status_seconds",
         "capture_seconds",
-        "idle_commit_seconds",
-        "checkpoint_bytes",
     }
 )
 """Numeric fields of ``CLASSES`` that are not limits."""

@@ -13,7 +13,7 @@ import time
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any, Final, Protocol
 
 import structlog
 
@@ -21,6 +21,9 @@ from gateway.runtime.state.database import Database, StateError, reason_of
 from scenegate.lcm.transport import MIB
 
 _log = structlog.get_logger("gateway.state")
+
+MAX_WAITING_BYTES: Final = 64 * MIB
+"""Maximum bytes of responses that wait for a commit. Further requests are rejected before they change the tree."""
 
 OnStored = Callable[[str], None]
 """Callback on the event loop. Its argument is the reason why the changes could not be stored, empty if they are."""
@@ -49,14 +52,13 @@ class PersistentState:
         self,
         path: Path,
         *,
-        max_waiting_bytes: int = 64 * MIB,
+        max_waiting_bytes: int = MAX_WAITING_BYTES,
         idle_commit_seconds: float = 1.0,
         checkpoint_bytes: int = 16 * MIB,
     ) -> None:
         """Open the file; raise ``StateError`` if it cannot be used.
 
         Args:
-            max_waiting_bytes: Maximum bytes of responses that wait for a commit; see ``full``.
             idle_commit_seconds: Maximum seconds until an edit is stored that no client waits for.
             checkpoint_bytes: Size of the write-ahead log at which a commit copies it into the database file.
         """
