@@ -1,7 +1,5 @@
 """Start and shutdown of the application, failing interfaces, offline docs. Interfaces and kernels are fakes."""
 
-from __future__ import annotations
-
 import asyncio
 import json
 import re

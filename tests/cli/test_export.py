@@ -1,7 +1,5 @@
 """``scenegate export``: logs, gateways, and what is wrong with the arguments."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path

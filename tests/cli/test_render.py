@@ -1,7 +1,5 @@
 """Arguments of ``scenegate render`` that are parsed from text, and combinations that are rejected before any work."""
 
-from __future__ import annotations
-
 import os
 import threading
 from pathlib import Path

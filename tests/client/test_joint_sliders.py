@@ -1,7 +1,5 @@
 """Sliders of a robot's joints with the service over TCPQ."""
 
-from __future__ import annotations
-
 import math
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """What the client gives a notebook to show, without one."""
 
-from __future__ import annotations
-
 import html
 import sys
 from collections.abc import Iterator

@@ -1,7 +1,5 @@
 """``scenegate stream`` with our own camera."""
 
-from __future__ import annotations
-
 import asyncio
 import socket
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """What the tree viewer's client makes of responses, with a connection that only records."""
 
-from __future__ import annotations
-
 import logging
 import threading
 from collections.abc import Callable, Iterable, Iterator

@@ -1,7 +1,5 @@
 """Controls of the client with the service over TCPQ. ``change`` and ``deliver_values`` stand for a page."""
 
-from __future__ import annotations
-
 import asyncio
 from collections.abc import Callable
 from typing import Any

@@ -1,7 +1,5 @@
 """Typed geometry as objects of the protocol, and invalid geometry."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """The client's visibility, opacity, page view and clicks, with the service over TCPQ and UDP."""
 
-from __future__ import annotations
-
 import asyncio
 import logging
 from typing import Any

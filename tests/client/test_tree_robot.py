@@ -1,7 +1,5 @@
 """Robots in a tree viewer: geometry once, then transforms."""
 
-from __future__ import annotations
-
 import asyncio
 from collections.abc import Callable
 from pathlib import Path

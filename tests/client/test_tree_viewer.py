@@ -1,7 +1,5 @@
 """The client with the service over TCPQ and UDP, with a viewer that restarts, and without a viewer."""
 
-from __future__ import annotations
-
 import asyncio
 import contextlib
 import os

@@ -1,7 +1,5 @@
 """Datasets with annotations: what the reader returns, what the check finds, and what a further run keeps."""
 
-from __future__ import annotations
-
 import json
 import shutil
 import struct

@@ -1,7 +1,5 @@
 """Masks, boxes and visibility of objects whose pixels follow from arithmetic."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Runs are reproducible and continue where they stopped; one bad scene does not stop the others."""
 
-from __future__ import annotations
-
 import json
 import os
 import signal

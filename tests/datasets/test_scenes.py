@@ -1,7 +1,5 @@
 """Loading scenes of each kind, and their description."""
 
-from __future__ import annotations
-
 import hashlib
 import json
 from pathlib import Path

@@ -1,7 +1,5 @@
 """``scenegate serve`` as a process: start, first requests, signals, errors at start."""
 
-from __future__ import annotations
-
 import json
 import os
 import re

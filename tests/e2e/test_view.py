@@ -1,7 +1,5 @@
 """``scenegate view`` as users run it, over HTTP and in a browser."""
 
-from __future__ import annotations
-
 import io
 from collections.abc import Iterator
 from contextlib import contextmanager

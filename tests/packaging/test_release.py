@@ -1,7 +1,5 @@
 """``make release`` in a clone: tag, texts, generated pages, and the tests that a release could break."""
 
-from __future__ import annotations
-
 import os
 import re
 import subprocess

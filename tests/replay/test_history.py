@@ -1,7 +1,5 @@
 """The history of the live tree: the states of the last minute, and the memory that they take."""
 
-from __future__ import annotations
-
 import asyncio
 import gc
 import weakref

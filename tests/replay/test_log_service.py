@@ -1,7 +1,5 @@
 """A log in place of the live tree, while it is indexed."""
 
-from __future__ import annotations
-
 import asyncio
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Logs as timelines, compared with a viewer that gets their messages one after the other."""
 
-from __future__ import annotations
-
 import asyncio
 import tempfile
 from bisect import bisect_right

@@ -1,7 +1,5 @@
 """A page that seeks in a log: after each update it has the meshes of all its nodes, and the state of the time."""
 
-from __future__ import annotations
-
 import asyncio
 import gc
 import random

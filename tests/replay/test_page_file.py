@@ -1,7 +1,5 @@
 """The page and a recording in one HTML file."""
 
-from __future__ import annotations
-
 import base64
 import hashlib
 import html

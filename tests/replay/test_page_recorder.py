@@ -1,7 +1,5 @@
 """Recordings lead a page to the state at each time, from the start and from each keyframe."""
 
-from __future__ import annotations
-
 import asyncio
 import io
 from typing import Any

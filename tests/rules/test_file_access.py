@@ -1,7 +1,5 @@
 """Files are read by ``scenegate.regular_files`` only: a named pipe or a device must not hang a command."""
 
-from __future__ import annotations
-
 import ast
 from pathlib import Path
 

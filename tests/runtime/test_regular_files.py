@@ -1,7 +1,5 @@
 """Files that somebody names: regular ones only, except for pipes on the command line."""
 
-from __future__ import annotations
-
 import hashlib
 import os
 import re

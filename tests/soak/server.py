@@ -3,8 +3,6 @@
 python -m tests.soak.server FLAGS…
 """
 
-from __future__ import annotations
-
 import asyncio
 import contextlib
 import json

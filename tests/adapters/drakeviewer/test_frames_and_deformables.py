@@ -1,7 +1,5 @@
 """Triads of frames, and deformable bodies."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

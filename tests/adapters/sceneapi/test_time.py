@@ -1,7 +1,5 @@
 """``time`` of ``GET /scene``, ``/scene.glb`` and ``/scene/render``."""
 
-from __future__ import annotations
-
 import asyncio
 from collections.abc import AsyncIterator
 from typing import Any

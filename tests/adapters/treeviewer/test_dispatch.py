@@ -1,7 +1,5 @@
 """The dispatcher of requests without a transport: order, sizes, errors, storage, delayed responses."""
 
-from __future__ import annotations
-
 import asyncio
 import json
 from collections.abc import AsyncIterator, Callable

@@ -1,7 +1,5 @@
 """The page with a scene in one file, opened from a disk without a network, beside the live page."""
 
-from __future__ import annotations
-
 import html
 import io
 from collections.abc import Iterator

@@ -1,7 +1,5 @@
 """BOP: what is written, by a reader of its own, and rendered again from its annotations."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 

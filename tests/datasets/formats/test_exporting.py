@@ -1,7 +1,5 @@
 """What all formats have in common: determinism, errors, and a folder that is complete or missing."""
 
-from __future__ import annotations
-
 import sys
 from collections.abc import Callable
 from pathlib import Path

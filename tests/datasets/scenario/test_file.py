@@ -1,7 +1,5 @@
 """Reading scenario files: errors, and the schema for editors."""
 
-from __future__ import annotations
-
 import json
 import subprocess
 import sys

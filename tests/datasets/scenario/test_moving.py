@@ -1,7 +1,5 @@
 """Moving scenes: tracks of joints and poses, animations of glTF files, and cameras on paths."""
 
-from __future__ import annotations
-
 import json
 import math
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Scenes of scenarios: drawn by seed and number, apart from each other, at rest, and made again from their record."""
 
-from __future__ import annotations
-
 import itertools
 import json
 import subprocess

@@ -1,7 +1,5 @@
 """Rig files: values, defaults, limits and errors."""
 
-from __future__ import annotations
-
 import math
 from pathlib import Path
 

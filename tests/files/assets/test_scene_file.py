@@ -1,7 +1,5 @@
 """Scene files that the operator names: up axis, files beside them, what is refused."""
 
-from __future__ import annotations
-
 import base64
 import hashlib
 import json

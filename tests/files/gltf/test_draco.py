@@ -1,7 +1,5 @@
 """KHR_draco_mesh_compression: files written by glTF-Transform, and meshes encoded by DracoPy."""
 
-from __future__ import annotations
-
 import base64
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """Skins, morph targets and instances: the nodes of a document pose its meshes."""
 
-from __future__ import annotations
-
 import re
 import tracemalloc
 from typing import Any

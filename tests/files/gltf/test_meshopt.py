@@ -1,8 +1,6 @@
 """KHR_meshopt_compression and EXT_meshopt_compression: streams recorded from meshoptimizer's encoder, of both versions
 of the attributes; files written by glTF-Transform."""
 
-from __future__ import annotations
-
 import base64
 import json
 import re

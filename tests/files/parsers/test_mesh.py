@@ -1,7 +1,5 @@
 """Hostile mesh files: limits hold before anything unfolds. They are read in this process, whose memory is measured."""
 
-from __future__ import annotations
-
 import dataclasses
 import struct
 import threading

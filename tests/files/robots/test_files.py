@@ -1,7 +1,5 @@
 """Files that a robot file refers to: where they are found, and where not."""
 
-from __future__ import annotations
-
 import hashlib
 import os
 import re

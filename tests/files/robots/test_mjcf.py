@@ -1,7 +1,5 @@
 """MJCF, read with the package mujoco."""
 
-from __future__ import annotations
-
 import os
 import sys
 from importlib.metadata import version

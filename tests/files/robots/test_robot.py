@@ -1,7 +1,5 @@
 """Joint values as users give them, and the tree of a robot."""
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Scene files of every format, as --backdrop, --stereo-scene and ``scenegate render`` read them."""
 
-from __future__ import annotations
-
 import json
 import os
 import re

@@ -1,7 +1,5 @@
 """SDF: poses, frames, nested and included models, joints, geometry, and files with flaws."""
 
-from __future__ import annotations
-
 import json
 import os
 import subprocess

@@ -1,7 +1,5 @@
 """Links, joints, geometry and materials of URDF, and errors of files that are no good."""
 
-from __future__ import annotations
-
 import math
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """The kernel cache: its folder, when it is complete, and when old folders are removed."""
 
-from __future__ import annotations
-
 import asyncio
 import fcntl
 import json

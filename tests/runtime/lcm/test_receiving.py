@@ -1,7 +1,5 @@
 """Received messages: the queue, the socket's buffer, liblcm's file descriptor, and the choice of the transport."""
 
-from __future__ import annotations
-
 import asyncio
 import select
 import socket

@@ -1,7 +1,5 @@
 """Log files of an LCM network: written, read, recorded and played; compared with LCM's own reader and writer."""
 
-from __future__ import annotations
-
 import asyncio
 import io
 import struct

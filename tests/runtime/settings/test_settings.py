@@ -1,7 +1,5 @@
 """Settings: precedence, sentences for what cannot be used, the generated reference."""
 
-from __future__ import annotations
-
 import os
 from pathlib import Path
 

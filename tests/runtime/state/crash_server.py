@@ -3,8 +3,6 @@
 Every line on stdin forks a new server process, which saves the imports. It prints its process id and port.
 """
 
-from __future__ import annotations
-
 import asyncio
 import os
 import signal

@@ -1,7 +1,5 @@
 """Locking, migrations, and files that are not ours and stay unchanged."""
 
-from __future__ import annotations
-
 import os
 import re
 import shutil

@@ -1,7 +1,5 @@
 """Order of callbacks, grouping of changes, failures and recovery."""
 
-from __future__ import annotations
-
 import asyncio
 import threading
 from collections.abc import AsyncIterator

@@ -1,7 +1,5 @@
 """The open state file: what it restores, when it stores edits that no client waits for, and its figures."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 from gateway.adapters.stereo.device.parameters import Parameters

@@ -1,7 +1,5 @@
 """The tree in the database against a tree in memory."""
 
-from __future__ import annotations
-
 import sqlite3
 from pathlib import Path as File
 from tempfile import TemporaryDirectory

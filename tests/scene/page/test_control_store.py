@@ -1,7 +1,5 @@
 """The controls of clients: values, samples, sharing, limits and leases."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import Any
 

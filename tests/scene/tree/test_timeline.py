@@ -1,7 +1,5 @@
 """Samples of a timeline: each change once, and the last state."""
 
-from __future__ import annotations
-
 import pytest
 
 from gateway.scene.tree.live import Snapshot

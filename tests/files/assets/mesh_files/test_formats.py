@@ -1,7 +1,5 @@
 """Shapes, materials, textures, units and axes of all formats."""
 
-from __future__ import annotations
-
 import io
 from pathlib import Path
 from typing import Any

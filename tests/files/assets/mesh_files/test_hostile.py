@@ -1,7 +1,5 @@
 """Names that lead outside of the open folders, damaged files, files beyond the limits."""
 
-from __future__ import annotations
-
 import os
 import socket
 from pathlib import Path

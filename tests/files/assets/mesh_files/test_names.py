@@ -1,7 +1,5 @@
 """Names of mesh files, and their cache."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np
