@@ -244,7 +244,7 @@ def test_foreign_files(data: bytes, reason: str, tmp_path: Path) -> None:
 
 def test_a_log_without_a_scene(tmp_path: Path) -> None:
     log = write_log(tmp_path / "x", [(0.0, "CAMERA", b"1"), (0.1, "CAMERA", b"2"), (0.2, "IMU", b"3")])
-    with pytest.raises(LogError, match=r"no channel of the log can be shown: .* only CAMERA \(2\), IMU \(1\)$"):
+    with pytest.raises(LogError, match=r"CAMERA \(2\), IMU \(1\)$"):
         open_log(log)
 
 

@@ -77,7 +77,7 @@ def test_errors_name_the_file(tmp_path: Path) -> None:
     with pytest.raises(SceneFileError, match=r"broken\.gltf: "):
         read_scene_file(broken)
     missing = written(tmp_path, buffers=[{"byteLength": 36, "uri": "gone.bin"}])
-    with pytest.raises(SceneFileError, match=r"gone\.bin cannot be read: No such file or directory"):
+    with pytest.raises(SceneFileError, match=r"gone\.bin .*No such file"):
         read_scene_file(missing)
 
 

@@ -237,7 +237,7 @@ def test_a_robot_file_may_be_a_pipe(tmp_path: Path, monkeypatch: pytest.MonkeyPa
 
 
 def test_deep_xml_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(RobotFileError, match="its XML has more than 10000 levels, which is the limit"):
+    with pytest.raises(RobotFileError, match="10000 levels"):
         read_robot(write(tmp_path, "<robot>" + "<a>" * 3_000_000))
 
 

@@ -39,5 +39,5 @@ async def test_the_fraction_that_is_done_ascends_to_one() -> None:
 
 async def test_the_number_of_samples_is_limited() -> None:
     section = samples(STATES, 0, 10 * SECOND, 10, max_samples=100)
-    with pytest.raises(FileTooLargeError, match=r"10\.0 s at 10 Hz are 101 samples of the scene; the limit is 100"):
+    with pytest.raises(FileTooLargeError, match=r"10 Hz .*101 .* 100"):
         await anext(section)
