@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import asyncio
 import signal
-from collections.abc import AsyncIterator
+from collections.abc import AsyncIterator, Callable
 from contextlib import asynccontextmanager
 from functools import partial
 from typing import TYPE_CHECKING, Any
@@ -48,9 +48,9 @@ from renderers.cache import SHARED
 if TYPE_CHECKING:
     from multiprocessing.connection import Connection
 
+    from gateway.replay.log_service import LogService
     from gateway.runtime.state.service import PersistentState
     from gateway.runtime.workers.worker_reports import WorkerReports
-    from gateway.wiring.log import LogService
 
 DESCRIPTION = "Drake's glTF render server, an rc_visard stereo camera and Director's tree viewer, on one scene."
 POLLED_PATHS = frozenset({"/view/sensor", "/view/renders", *(f"/view/sensor/{name}.jpg" for name in IMAGE_NAMES)})
@@ -64,15 +64,19 @@ def create_app(
     log: LogService | None = None,
     supervisor: Connection | None = None,
     page_url: str = "",
+    on_started: Callable[[], None] = lambda: None,
+    on_fatal: Callable[[], None] = lambda: None,
 ) -> FastAPI:
     """Create a gateway as an ASGI application. Nothing runs before its lifespan starts.
 
     Args:
-        state: opened state; None: the lifespan opens it, if the settings name one.
+        state: opened state; None: nothing is stored, whatever the settings name.
         reports: reports of all processes, if there are several (``--workers``).
         log: log to show in place of the live tree.
         supervisor: connection to the supervisor of several processes, for heartbeats.
         page_url: address of the page to open first, for the log.
+        on_started: called once, when every interface is ready or has failed.
+        on_fatal: called when the process must end with an error.
 
     Raises:
         SettingsError: a token or certificate file cannot be used.
@@ -104,6 +108,8 @@ def create_app(
         log=log,
         supervisor=supervisor,
         page_url=page_url,
+        on_started=on_started,
+        on_fatal=on_fatal,
         tree=LiveTree() if log is None else log.tree,
     )
     if spans is not None:
@@ -126,13 +132,11 @@ async def _lifespan(app: FastAPI) -> AsyncIterator[None]:
     metrics.watch_caches(context.metrics, SHARED)
     metrics.watch_tree(context.metrics, context.tree)
     context.security.log_exposure()
-    if context.state is None:
-        context.state = await asyncio.to_thread(open_state, context.settings)
     if context.history is not None:
         context.history.start()
         context.exit_stack.callback(context.history.close)
         metrics.watch_history(context.metrics, context.history)
-    context.startup = asyncio.create_task(start(context), name="start")
+    context.begin_startup(start(context))
     idle = asyncio.create_task(context.return_memory_when_idle(), name="memory")
     try:
         async with write_worker_reports(context):
@@ -187,7 +191,7 @@ def _add_middleware(context: Context) -> None:
     app.add_middleware(
         StartGate,
         started=context.started,
-        problem=partial(getattr, context, "not_started_reason"),
+        problem=context.not_started_reason,
         open_paths=health.MONITORING_PATHS | {"/"},
         progress=lambda: context.kernels.progress,
     )
@@ -207,6 +211,5 @@ def __getattr__(name: str) -> Any:
     if settings.processes > 1:
         raise settings_module.SettingsError("SCENEGATE_WORKERS is for `scenegate serve` only; here it must be 1.")
     log_setup.configure(settings.log_format, settings.log_level, log_uvicorn=True)
-    application = create_app(settings)
-    application.state.context.on_fatal = partial(signal.raise_signal, signal.SIGTERM)  # uvicorn shuts down
-    return application
+    stop_uvicorn = partial(signal.raise_signal, signal.SIGTERM)
+    return create_app(settings, open_state(settings), on_fatal=stop_uvicorn)

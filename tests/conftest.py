@@ -1,7 +1,5 @@
 """Settings of hypothesis, kernels and the summary of a run, and the gateway that tests of several rooms share."""
 
-from __future__ import annotations
-
 import gc
 import os
 import re

@@ -1,7 +1,5 @@
 """Start and shutdown of the application, failing interfaces, offline docs. Interfaces and kernels are fakes."""
 
-from __future__ import annotations
-
 import asyncio
 import json
 import re
@@ -186,9 +184,8 @@ async def test_without_kernels_requests_get_503_and_the_process_ends(monkeypatch
 
     monkeypatch.setattr(parts, "load_needed", broken)
     use_interfaces(monkeypatch, render=add_route)
-    app = gateway.app.create_app(Settings())
     ended = asyncio.Event()
-    app.state.context.on_fatal = ended.set
+    app = gateway.app.create_app(Settings(), on_fatal=ended.set)
     with structlog.testing.capture_logs() as lines:
         async with app.router.lifespan_context(app):
             async with httpx2.AsyncClient(transport=httpx2.ASGITransport(app=app), base_url="http://test") as client:

@@ -103,20 +103,20 @@ async def _moment_of_log(log: Path, start: float | None, mesh_root: str) -> byte
 
 async def _section_of_log(log: Path, start: float, duration: float | None, rate: float, mesh_root: str) -> bytes:
     """Return the page with a section of a log."""
-    from gateway.adapters.viewer.recording import record_section
-    from gateway.adapters.viewer.scene_file import SceneFileWriter
+    from gateway.replay.page_file import scene_html
+    from gateway.replay.page_recorder import PageRecorder, record_section
     from gateway.scene.page.live_page import LivePage
     from scenegate.cli.progress_bar import progress_bar
 
-    writer = SceneFileWriter(LivePage())
+    recorder = PageRecorder(LivePage())
     with open_log_file(log, mesh_root) as timeline, progress_bar("Exporting", "%", 1.0) as bar:
         first, end = _time_in(log, timeline, start), timeline.span[1]
         last = end if duration is None else min(end, first + int(duration * 1e9))
         data = await record_section(
-            writer, timeline, first, last, rate, asyncio.to_thread, lambda done: bar.update(done, round(100 * done))
+            recorder, timeline, first, last, rate, asyncio.to_thread, lambda done: bar.update(done, round(100 * done))
         )
     print_warnings(log, timeline.incomplete.listed())
-    return data
+    return scene_html(data)
 
 
 def _time_in(log: Path, timeline: Timeline, start: float) -> int:

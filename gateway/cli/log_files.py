@@ -11,7 +11,7 @@ import typer
 from scenegate.cli.output import print_note
 
 if TYPE_CHECKING:
-    from gateway.replay.timeline import LogTimeline
+    from gateway.replay.log_timeline import LogTimeline
     from gateway.runtime.settings import Settings
 
 MeshRoot: TypeAlias = Annotated[
@@ -36,7 +36,7 @@ def open_log_file(path: Path, mesh_root: str) -> LogTimeline:
         OSError: the log cannot be read.
     """
     from gateway.files.assets.mesh_files import MeshFiles
-    from gateway.replay.timeline import open_log
+    from gateway.replay.log_timeline import open_log
     from scenegate.cli.progress_bar import progress_bar
     from scenegate.robots.ros_packages import folders_of_environment
 

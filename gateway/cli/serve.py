@@ -6,6 +6,7 @@ import inspect
 import os
 import sys
 import time
+from functools import partial
 from pathlib import Path
 from typing import Annotated, Any, NoReturn
 
@@ -136,8 +137,8 @@ def run(settings: Settings) -> int:
     from renderers.compiler import cache_folder
 
     log.info("The libraries are loaded", seconds=round(time.perf_counter() - first_line.BEGIN, 1))
-    app = create_app(settings, state, page_url=f"{url}/view" if settings.is_enabled("view") else f"{url}/")
-    code = serve_app(app, listener)
+    page_url = f"{url}/view" if settings.is_enabled("view") else f"{url}/"
+    code = serve_app(partial(create_app, settings, state, page_url=page_url), listener)
     cache_folder.remove_private_root()
     log.info("Scenegate has stopped")
     return code

@@ -6,6 +6,7 @@ import asyncio
 import os
 import socket
 import threading
+from collections.abc import Callable
 from typing import TYPE_CHECKING, Final
 
 import structlog
@@ -29,9 +30,20 @@ CLOSE_SECONDS: Final = 0.5
 """Time after that for the application to close, before the process ends although threads still run."""
 
 
-def serve_app(app: FastAPI, listener: socket.socket) -> int:
-    """Serve an application until a signal. Return 0, 1 after a fatal error, or 3 if it could not start."""
+def serve_app(create: Callable[..., FastAPI], listener: socket.socket) -> int:
+    """Serve an application until a signal. Return 0, 1 after a fatal error, or 3 if it could not start.
+
+    Args:
+        create: ``create_app`` with all arguments but ``on_started`` and ``on_fatal``.
+    """
     log = structlog.get_logger("gateway")
+    fatal = False
+
+    def stop_with_error() -> None:
+        nonlocal fatal
+        fatal = server.should_exit = True
+
+    app = create(on_started=process_tuning.freeze_gc, on_fatal=stop_with_error)
     context: Context = app.state.context
     seconds = context.settings.shutdown_seconds
 
@@ -47,17 +59,9 @@ def serve_app(app: FastAPI, listener: socket.socket) -> int:
 
     config = http_server.server_config(app, seconds + RESPONSE_SECONDS, lifespan=True, tls=context.security.tls)
     server = http_server.MainServer(config, begin_shutdown)
-    fatal = False
     watchdog = threading.Timer(seconds + RESPONSE_SECONDS + CLOSE_SECONDS, end_now)
     watchdog.daemon = True
-
-    def stop_with_error() -> None:
-        nonlocal fatal
-        fatal = server.should_exit = True
-
     app.state.closing = lambda: server.should_exit  # endless responses (MJPEG) end by it
-    context.on_started = process_tuning.freeze_gc
-    context.on_fatal = stop_with_error
     with asyncio.Runner(loop_factory=uvloop.new_event_loop) as runner:
         runner.run(server.serve(sockets=[listener]))
     watchdog.cancel()

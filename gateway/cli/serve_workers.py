@@ -75,13 +75,14 @@ def run_worker(settings: Settings, folder: Path, listener: socket.socket, connec
     from gateway.app import create_app
     from gateway.cli.serve_app import serve_app
 
+    create = partial(create_app, settings, reports=WorkerReports(folder, settings.processes), supervisor=connection)
     try:
-        app = create_app(settings, reports=WorkerReports(folder, settings.processes), supervisor=connection)
+        code = serve_app(create, listener)
     except SettingsError as error:  # a file has changed since the supervisor started
         structlog.get_logger("gateway").error(f"This process cannot start: {error}")
         time.sleep(RETRY_SECONDS)
         sys.exit(1)
-    sys.exit(START_FAILED if serve_app(app, listener) else 0)
+    sys.exit(START_FAILED if code else 0)
 
 
 @contextmanager

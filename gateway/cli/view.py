@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+from functools import partial
 from pathlib import Path
 from typing import Annotated, Final
 
@@ -24,10 +25,10 @@ def view(
     """Show an LCM log in the browser, at any time of it: tree viewer clients, Drake's simulations."""
     from gateway.app import create_app
     from gateway.cli.serve_app import serve_app
+    from gateway.replay.log_service import LogService
     from gateway.runtime.kernels.loading import ensure_compiled
     from gateway.runtime.logs import log_setup
     from gateway.runtime.workers import process_tuning
-    from gateway.wiring.log import LogService
     from scenegate.cli.progress_bar import progress_bar
 
     # Page and scene, without LCM, state file, demo or TLS, whatever the environment says.
@@ -50,11 +51,11 @@ def view(
                 else:
                     bar.end()
 
-            app = create_app(settings, log=LogService(timeline, on_progress))
+            create = partial(create_app, settings, log=LogService(timeline, on_progress))
             url = f"http://{HOST}:{listener.getsockname()[1]}/view"
             print_note(f"{log} is at {url} until Ctrl+C.")
             if open_page:
                 typer.launch(url)
-            code = serve_app(app, listener)
+            code = serve_app(create, listener)
     print_warnings(log, timeline.incomplete.listed())
     raise typer.Exit(code)

@@ -12,7 +12,7 @@ import numpy as np
 from gateway.datasets.errors import DatasetError
 from gateway.datasets.scenario.tracks import POSE_COLUMNS
 from gateway.files.assets.mesh_files import MeshFiles
-from gateway.replay.replay import LogReplay, is_shown
+from gateway.replay.log_replay import LogReplay, is_shown
 from gateway.scene.tree.nodes import Path as TreePath
 from gateway.scene.tree.transforms import Matrix, quaternions_of
 

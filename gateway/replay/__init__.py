@@ -1,1 +1,7 @@
-"""LCM logs as states of the tree over time, and as MCAP files. ``timeline.open_log`` is the entry."""
+"""States of the scene over time, and what is made of them: each is a ``gateway.scene.tree.timeline.Timeline``.
+
+- ``history``: the recent states of the live tree, with ``packed_changes``.
+- ``log_timeline``: an LCM log, with ``log_scan``, ``log_replay``, ``checkpoints`` and ``clock``; ``log_service`` shows
+  it in place of the live tree, ``log_to_mcap`` writes it as MCAP.
+- ``page_recorder``: a section of a timeline for the page, ``page_file`` in one HTML file, ``share_routes`` over HTTP.
+"""

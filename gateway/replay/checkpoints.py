@@ -5,7 +5,7 @@ from __future__ import annotations
 from bisect import bisect_right
 from typing import Final
 
-from gateway.replay.replay import ReplayState
+from gateway.replay.log_replay import ReplayState
 from gateway.scene.tree.nodes import CHILD_BYTES, NODE_BYTES, Node
 
 MAX_BYTES: Final = 512 << 20

@@ -8,9 +8,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from gateway.adapters.viewer.snapshot_frames import SnapshotFrames
-from gateway.replay.incomplete_messages import IncompleteMessages
-from gateway.replay.replay import is_shown
-from gateway.replay.timeline import LogTimeline
+from gateway.replay.log_replay import is_shown
+from gateway.replay.log_timeline import LogTimeline
 from scenegate.recording.mcap_file import McapFiles
 from scenegate.recording.recorder import SceneWriter
 from scenegate.recording.topics import Profile, ProfileName
@@ -48,16 +47,13 @@ async def convert_log(
     """
     converter = Profile(profile)
     frames = SnapshotFrames()
-    incomplete = IncompleteMessages()
     read = 0
     with timeline.replay() as replay, errors_name(out), closing(McapFiles(out, converter.mcap_profile)) as mcap:
         writer = SceneWriter(mcap, converter)
         while (event := replay.next_event) is not None:
-            reasons = replay.step()
-            if reasons:
-                incomplete.add(event.channel, reasons)
+            replay.step()
             read += is_shown(event.channel)
             for frame in await frames.advance(replay.snapshot):
                 writer.write(ViewFrame(frame), replay.clock.time_ns)
             report(replay.position, read)
-    return Converted(read, mcap.messages, mcap.bytes, [*incomplete.listed(), *writer.warnings])
+    return Converted(read, mcap.messages, mcap.bytes, [*replay.incomplete.listed(), *writer.warnings])

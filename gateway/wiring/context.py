@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Coroutine, Mapping
 from contextlib import ExitStack
 from dataclasses import dataclass, field
 from functools import cached_property, partial
@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any, Final
 import structlog
 from fastapi import FastAPI
 
+from gateway.replay.history import TreeHistory
 from gateway.runtime.http.interface_names import title_of
 from gateway.runtime.http.security import Security
 from gateway.runtime.kernels.loading import KernelLoader
@@ -23,7 +24,6 @@ from gateway.runtime.workers.worker_pool import WorkerPool
 from gateway.scene.draw.flatten import Flattener
 from gateway.scene.draw.live_scene import LiveScene
 from gateway.scene.page.live_page import LivePage
-from gateway.scene.tree.history import TreeHistory
 from gateway.scene.tree.labels import LabelTable
 from gateway.scene.tree.live import LiveTree
 from gateway.wiring.provided import Provided
@@ -33,10 +33,10 @@ if TYPE_CHECKING:
     from multiprocessing.connection import Connection
 
     from gateway.files.assets.mesh_files import MeshFiles
+    from gateway.replay.log_service import LogService
     from gateway.runtime.state.service import PersistentState
     from gateway.runtime.workers.worker_reports import WorkerReports
     from gateway.scene.tree.timeline import Timeline
-    from gateway.wiring.log import LogService
 
 _log = structlog.get_logger("gateway")
 
@@ -66,11 +66,6 @@ class Context:
     """View settings of the live tree's page, as set by clients: background, grid and so on."""
     labels: LabelTable = field(default_factory=LabelTable)
     """Labels of the live tree's paths."""
-    kernels: KernelLoader = field(init=False)
-    flattener: Flattener = field(init=False)
-    """Draw lists of the live tree, shared so that an unchanged tree is flattened once."""
-    history: TreeHistory | None = field(init=False)
-    """Earlier states of the live tree (``--history-seconds``), if an interface shows them."""
     state: PersistentState | None = None
     """Storage of the live tree and of parameters (``--state``)."""
     reports: WorkerReports | None = None
@@ -80,11 +75,6 @@ class Context:
     supervisor: Connection | None = None
     """Connection to their supervisor, for heartbeats."""
 
-    started: asyncio.Event = field(default_factory=asyncio.Event)
-    """Set when requests are accepted, or when the start has failed."""
-    not_started_reason: str = ""
-    """Why the gateway did not start, a clause for clients; empty before and after a start."""
-    startup: asyncio.Task[None] | None = None
     page_url: str = ""
     """Address of the page to open first, for the log; empty where it is not known."""
     on_started: Callable[[], None] = lambda: None
@@ -93,19 +83,34 @@ class Context:
     """Called when the process must end with an error."""
     exit_stack: ExitStack = field(default_factory=ExitStack)
     """Context managers that are closed by ``close``."""
+    started: asyncio.Event = field(default_factory=asyncio.Event)
+    """Set when requests are accepted, or when the start has failed."""
 
+    _startup: asyncio.Task[None] | None = None
+    _not_started_reason: str = ""
     _tasks: set[asyncio.Task[None]] = field(default_factory=set)
     _queue_closer: asyncio.Task[None] | None = None
     _deadline: float = 0.0
     """End of --shutdown-seconds, on the loop's clock."""
 
-    def __post_init__(self) -> None:
-        self.flattener = Flattener(self.labels)
-        self.kernels = KernelLoader(self.registry, self.exit_stack, bar=self.reports is None)
-        settings, self.history = self.settings, None
-        if settings.history_seconds and (settings.is_enabled("scene") or settings.is_enabled("view")):
-            max_bytes = settings.history_mb * MIB
-            self.history = TreeHistory(self.tree, settings.history_seconds, max_bytes, asyncio.to_thread)
+    @cached_property
+    def kernels(self) -> KernelLoader:
+        """Loader of compiled kernels."""
+        return KernelLoader(self.registry, self.exit_stack, bar=self.reports is None)
+
+    @cached_property
+    def flattener(self) -> Flattener:
+        """Draw lists of the live tree, shared so that an unchanged tree is flattened once."""
+        return Flattener(self.labels)
+
+    @cached_property
+    def history(self) -> TreeHistory | None:
+        """Earlier states of the live tree (``--history-seconds``), if an interface shows them."""
+        settings = self.settings
+        if not settings.history_seconds or not (settings.is_enabled("scene") or settings.is_enabled("view")):
+            return None
+        max_bytes = settings.history_mb * MIB
+        return TreeHistory(self.tree, settings.history_seconds, max_bytes, asyncio.to_thread)
 
     @cached_property
     def renderer(self) -> Renderer:
@@ -153,6 +158,14 @@ class Context:
             if is_idle and work != at_last_return:
                 at_last_return = work
                 await asyncio.to_thread(process_tuning.return_memory)
+
+    def begin_startup(self, start: Coroutine[Any, Any, None]) -> None:
+        """Run ``start`` in a task; a shutdown cancels it."""
+        self._startup = asyncio.create_task(start, name="start")
+
+    def not_started_reason(self) -> str:
+        """Return why the gateway did not start, a clause for clients; empty before and after a start."""
+        return self._not_started_reason
 
     def readiness(self) -> str:
         """Return the status for ``/readyz``: that of the registry, ``starting`` while requests wait, or ``busy``."""
@@ -213,8 +226,8 @@ class Context:
         self._deadline = loop.time() + self.settings.shutdown_seconds
         self._queue_closer = loop.create_task(self._close_queue(QUEUE_SHARE * self.settings.shutdown_seconds))
         if not self.started.is_set():
-            if self.startup is not None:
-                self.startup.cancel()
+            if self._startup is not None:
+                self._startup.cancel()
             self.reject_requests("it was told to stop")
 
     def reject_requests(self, reason: str) -> None:
@@ -223,7 +236,7 @@ class Context:
         Args:
             reason: a clause for clients, without details of the server.
         """
-        self.not_started_reason = reason
+        self._not_started_reason = reason
         self.started.set()
 
     async def _close_queue(self, seconds: float) -> None:
@@ -236,9 +249,9 @@ class Context:
 
     async def close(self) -> None:
         """End the start, every service, the state and the worker threads."""
-        if self.startup is not None:
-            self.startup.cancel()
-            await asyncio.gather(self.startup, return_exceptions=True)
+        if self._startup is not None:
+            self._startup.cancel()
+            await asyncio.gather(self._startup, return_exceptions=True)
         self.begin_shutdown()
         assert self._queue_closer is not None
         for task in self._tasks:  # including those started after begin_shutdown

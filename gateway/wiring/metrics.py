@@ -9,10 +9,10 @@ from collections.abc import Mapping
 from typing import TYPE_CHECKING, Final
 
 from gateway import __version__
+from gateway.replay.history import TreeHistory
 from gateway.runtime.logs.metrics_registry import Metrics
 from gateway.runtime.service_registry import ServiceRegistry, State
 from gateway.runtime.workers.worker_pool import WorkerPool
-from gateway.scene.tree.history import TreeHistory
 from gateway.scene.tree.live import LiveTree
 from renderers.cache import CacheBudget
 

@@ -30,6 +30,7 @@ from gateway.runtime.http.error_handlers import invalid_parameters
 from gateway.runtime.http.http_server import PortService
 from gateway.runtime.http.middleware import EarlyResponse, HeadAsGet
 from gateway.runtime.settings import Settings
+from gateway.runtime.state.parameter_store import ParameterStore
 from gateway.scene.draw.bounds import MIN_SUSPECT, loose_bounds, scale_hint
 from gateway.scene.draw.flatten import Flattener, flatten
 from gateway.scene.draw.mount import Mount, MountedCamera, parse_mount_path, parse_mount_pose, parse_mounted_camera
@@ -151,7 +152,7 @@ def _start_camera(
             view.pose_in(snapshot), config.model, config.dot_light, service.settings
         )
     if context.state is not None:
-        context.state.restore_parameters(str(number), lambda: list(NODES), service.parameters)
+        context.state.add(ParameterStore(str(number), NODES, service.parameters))
         service.wait_until_stored = context.state.wait_until_stored
     name = f"stereo {number}" if number else "stereo"
     context.run_service(name, service, figures=lambda: _figures(service, view))

@@ -11,7 +11,7 @@ from gateway.adapters.viewer.image_routes import image_router
 from gateway.adapters.viewer.routes import router
 from gateway.adapters.viewer.scene_images import SceneImages
 from gateway.adapters.viewer.sensor_images import SensorImages
-from gateway.adapters.viewer.share_routes import share_router
+from gateway.replay.share_routes import share_router
 from gateway.wiring import metrics
 from gateway.wiring.context import Context
 from gateway.wiring.provided import Provided

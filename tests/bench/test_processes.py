@@ -1,7 +1,5 @@
 """Benches leave no process behind, whatever their peers start and however they end."""
 
-from __future__ import annotations
-
 import os
 import signal
 import subprocess

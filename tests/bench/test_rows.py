@@ -1,7 +1,5 @@
 """Rows that a bench prints, read back for the table of all benches."""
 
-from __future__ import annotations
-
 import pytest
 
 from bench.__main__ import rows_in

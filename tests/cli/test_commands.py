@@ -1,7 +1,5 @@
 """What the commands print and return; the work behind them is replaced."""
 
-from __future__ import annotations
-
 import asyncio
 from collections.abc import Callable
 from pathlib import Path

@@ -1,7 +1,5 @@
 """The table of ``scenegate doctor``, and when its exit code is an error."""
 
-from __future__ import annotations
-
 import sys
 from collections.abc import Iterator, Mapping
 

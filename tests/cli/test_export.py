@@ -1,7 +1,5 @@
 """``scenegate export``: logs, gateways, and what is wrong with the arguments."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
@@ -18,7 +16,7 @@ from gateway.scene.tree.nodes import Node
 from scenegate.lcm.event_log import pack_event
 from tests.adapters.treeviewer.conversation import BOX, message
 from tests.adapters.viewer.recordings import headers_of
-from tests.adapters.viewer.test_scene_file import recording_of
+from tests.replay.test_page_file import recording_of
 
 REQUEST = "DIRECTOR_TREE_VIEWER_REQUEST_<a>"
 CYLINDER = {"type": "cylinder", "radius": 1, "length": 1}

@@ -1,7 +1,5 @@
 """The first line of ``scenegate serve``: at once, in the format of the log."""
 
-from __future__ import annotations
-
 import json
 import subprocess
 import sys

@@ -1,7 +1,5 @@
 """Errors of commands: one sentence on stderr and exit code 1."""
 
-from __future__ import annotations
-
 import errno
 import subprocess
 import sys

@@ -1,7 +1,5 @@
 """Text of files and clients in what commands print: nothing of it steers a terminal or begins a line."""
 
-from __future__ import annotations
-
 import base64
 import json
 from collections.abc import Callable

@@ -1,7 +1,5 @@
 """Requests in JSON that ``scenegate publish`` puts below a path."""
 
-from __future__ import annotations
-
 import json
 import os
 import threading

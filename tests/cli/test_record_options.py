@@ -1,7 +1,5 @@
 """``scenegate record``: options of the other kind of file are refused."""
 
-from __future__ import annotations
-
 import argparse
 
 import pytest

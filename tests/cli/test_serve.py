@@ -1,7 +1,5 @@
 """``scenegate serve``: flags, exit codes and what is logged, with a server that does not listen."""
 
-from __future__ import annotations
-
 import asyncio
 import gc
 import os

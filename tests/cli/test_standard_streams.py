@@ -1,7 +1,5 @@
 """Standard streams of the command, as shells and service managers start it."""
 
-from __future__ import annotations
-
 import errno
 import os
 import subprocess

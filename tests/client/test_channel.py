@@ -1,7 +1,5 @@
 """Credentials of a client: token, certificate, trust."""
 
-from __future__ import annotations
-
 import asyncio
 from pathlib import Path
 

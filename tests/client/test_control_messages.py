@@ -1,7 +1,5 @@
 """Controls in messages: defaults, and the sentences about invalid fields."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import msgspec

@@ -1,7 +1,5 @@
 """Addresses of gateways, and errors of requests to them: sentences without the system's numbers."""
 
-from __future__ import annotations
-
 import socket
 from collections.abc import Iterator
 from contextlib import contextmanager

@@ -1,7 +1,5 @@
 """Sliders of a robot's joints with the service over TCPQ."""
 
-from __future__ import annotations
-
 import math
 from pathlib import Path
 from typing import Any
@@ -40,9 +38,7 @@ async def test_a_value_beyond_all_sliders_is_refused(tmp_path: Path) -> None:
         def talk() -> None:
             with TreeViewer(hub_of(service), timeout=SECONDS) as viewer:
                 robot = viewer.robot("arm", file, joints={"shoulder": 1e300})
-                with pytest.raises(
-                    ValueError, match="joint 'shoulder' has the value 1e\\+300, the limit of a slider is"
-                ):
+                with pytest.raises(ValueError, match=r"'shoulder'.* 1e\+300"):
                     viewer.controls.add_joint_sliders(robot)
 
         await in_thread(talk)

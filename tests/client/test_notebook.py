@@ -1,7 +1,5 @@
 """What the client gives a notebook to show, without one."""
 
-from __future__ import annotations
-
 import html
 import sys
 from collections.abc import Iterator
@@ -113,7 +111,7 @@ def test_an_image_is_a_png(gateway: tuple[str, list[str]]) -> None:
     image = views.image("stereo", 320, 240, type="label")
     assert image._repr_png_() == image.png
     assert gateway[1] == ["/scene/render?camera=stereo&width=320&height=240&type=label None"]
-    with pytest.raises(ValueError, match="gives no scene/render: 400: camera='nowhere' is not a camera"):
+    with pytest.raises(ValueError, match="scene/render: 400: camera='nowhere'"):
         views.image("nowhere")
 
 
@@ -124,9 +122,7 @@ def test_without_a_gateway_static_pages_are_a_sentence() -> None:
         views.show(static=True)
     views.page_url = "/user/ann/proxy/8000"
     assert frame_of(views.show())["src"] == "/user/ann/proxy/8000/view"
-    with pytest.raises(
-        ValueError, match="the address of the gateway is '/user/ann/proxy/8000'; it must be like http://HOST:PORT"
-    ):
+    with pytest.raises(ValueError, match="'/user/ann/proxy/8000'"):
         views.show(static=True)
 
 

@@ -1,7 +1,5 @@
 """Robots whose mesh and texture files the client sends: the viewer shows what the server's own reader gives."""
 
-from __future__ import annotations
-
 import asyncio
 import os
 from pathlib import Path

@@ -1,7 +1,5 @@
 """``scenegate stream`` with our own camera."""
 
-from __future__ import annotations
-
 import asyncio
 import socket
 from dataclasses import replace
@@ -136,7 +134,7 @@ def test_distinguishes_closed_ports_from_silent_ones(monkeypatch: pytest.MonkeyP
     monkeypatch.setattr("scenegate.camera.stream.CONNECT_SECONDS", 0.2)
     with socket.create_server(("127.0.0.1", 0)) as silent:
         target = f"127.0.0.1:{silent.getsockname()[1]}"
-        with pytest.raises(StreamFailure, match="accepts connections, but does not answer: only one side uses TLS"):
+        with pytest.raises(StreamFailure, match="only one side uses TLS"):
             receive_all(StreamOptions(target, count=1))
     with pytest.raises(StreamFailure, match=f"no answer from {target}"):
         receive_all(StreamOptions(target, count=1))
@@ -147,14 +145,14 @@ def test_rejects_targets_without_a_port_number(monkeypatch: pytest.MonkeyPatch) 
     with pytest.raises(StreamFailure, match="'camera' is not a port"):
         receive_all(StreamOptions("localhost:camera", count=1))
     for target in ("http://localhost:50051", None):
-        with pytest.raises(StreamFailure, match=r"the camera's address must be like 127\.0\.0\.1:50051, not"):
+        with pytest.raises(StreamFailure, match=r"address .*127\.0\.0\.1:50051"):
             receive_all(StreamOptions(target, count=1))  # type: ignore[arg-type]
 
 
 async def test_a_refusal_is_one_sentence(start: Start) -> None:
     camera = await start()
     options = StreamOptions(f"127.0.0.1:{camera.service.port}", mesh=True, max_points=10)
-    with pytest.raises(StreamFailure, match=r"INVALID_ARGUMENT: mesh_options\.max_points is 10"):
+    with pytest.raises(StreamFailure, match=r"mesh_options\.max_points .*10"):
         await asyncio.to_thread(receive_all, options)
 
 
@@ -265,11 +263,9 @@ def test_names_what_is_no_image_of_a_set() -> None:
         depth(image_set.disparity)
     calls: Any = ((depth, image_set), (depth, image_set.left), (pixels, image_set.disparity), (pixels, 5))
     for function, message in calls:
-        with pytest.raises(
-            TypeError, match=r"a message such as images\..* is needed, not (5|an ImageSet|an Image|a Disp)"
-        ):
+        with pytest.raises(TypeError, match=r"images\..* not (5|an ImageSet|an Image|a Disp)"):
             function(message)
-    with pytest.raises(TypeError, match=r"such as images.left or images.disparity.image is needed, not a Disp"):
+    with pytest.raises(TypeError, match=r"images\.left .* not a Disp"):
         intrinsics(image_set.disparity)
 
 

@@ -1,7 +1,5 @@
 """Previews of image sets."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

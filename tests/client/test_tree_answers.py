@@ -1,7 +1,5 @@
 """What the tree viewer's client makes of responses, with a connection that only records."""
 
-from __future__ import annotations
-
 import logging
 import threading
 from collections.abc import Callable, Iterable, Iterator
@@ -229,7 +227,7 @@ def test_everything_is_sent_again_in_parts(viewer: TreeViewer, monkeypatch: pyte
 
 def test_a_request_beyond_lcms_limit_is_not_sent(viewer: TreeViewer, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(requests_module, "MAX_REQUEST_BYTES", 3000)
-    with pytest.raises(ValueError, match=r"^the request has \d+ bytes, the limit is 3000: send it in parts$"):
+    with pytest.raises(ValueError, match=r"\d+ bytes.* 3000"):
         viewer["a"].set(*[Box((1, 1, 1))] * 100)
     monkeypatch.setattr(requests_module, "encode_request", None)
     with pytest.raises(ValueError, match=r"at least 6000 bytes, the limit is 3000"):
@@ -278,7 +276,7 @@ def test_paths(value: Any, path: tuple[str | int, ...]) -> None:
 
 @pytest.mark.parametrize("value", [["a", "b"], 1.5, None, b"a", slice(1, 2), np.array([1, 2])])
 def test_what_is_no_path(viewer: TreeViewer, value: Any) -> None:
-    with pytest.raises(ValueError, match=r"^a path must be a text, an integer or a tuple of them, not "):
+    with pytest.raises(ValueError, match=r"^a path must be "):
         viewer[value]
 
 

@@ -1,7 +1,5 @@
 """Controls of the client with the service over TCPQ. ``change`` and ``deliver_values`` stand for a page."""
 
-from __future__ import annotations
-
 import asyncio
 from collections.abc import Callable
 from typing import Any
@@ -198,7 +196,7 @@ async def test_values_of_the_page_arrive() -> None:
         change(service, "target", MOVED)
         await until(lambda: received[3:] == [[1, 2, 3]])
         assert (speed.value, go.value) == (3.0, 2)
-        with pytest.raises(ValueError, match="a gizmo follows its node: set the node's transform"):
+        with pytest.raises(ValueError, match="set the node's transform"):
             gizmo.value = np.eye(4)
         stop()
         change(service, "speed", 4.0)
@@ -282,9 +280,9 @@ async def test_callbacks_that_cannot_be_called_are_refused() -> None:
     async with serving() as service:
         viewer = await in_thread(lambda: TreeViewer(hub_of(service), timeout=SECONDS))
         button = await in_thread(viewer.controls.add_button, "go")
-        with pytest.raises(TypeError, match="must not be a coroutine; AsyncTreeViewer takes both"):
+        with pytest.raises(TypeError, match=r"coroutine.* AsyncTreeViewer"):
             button.on_update(coroutine)
-        with pytest.raises(TypeError, match="a callback of on_click must be a function, not 3"):
+        with pytest.raises(TypeError, match=r"on_click .*not 3"):
             button.on_click(3)
         await in_thread(viewer.close)
 
@@ -298,7 +296,7 @@ async def test_async_client() -> None:
         plot = await folder.add_plot("loads", "a")
         await plot.add(1.0)
         gizmo = await viewer.controls.add_gizmo("target", "arm/hand")
-        with pytest.raises(ValueError, match="a gizmo follows its node: set the node's transform"):
+        with pytest.raises(ValueError, match="set the node's transform"):
             await gizmo.set(np.eye(4))
         await gizmo.delete()
 

@@ -1,7 +1,5 @@
 """Typed geometry as objects of the protocol, and invalid geometry."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -140,7 +138,7 @@ def test_a_frustum_from_the_field_of_view() -> None:
     frustum = CameraFrustum.from_fov(np.pi / 2, 1.5)
     assert frustum.width / frustum.height == 1.5
     assert frustum.fx / frustum.height == pytest.approx(0.5)
-    with pytest.raises(ValueError, match="fovy must be between 0 and pi radians, not 60"):
+    with pytest.raises(ValueError, match=r"fovy .*pi.* 60"):
         CameraFrustum.from_fov(60)
 
 
@@ -364,7 +362,7 @@ def test_images_of_pillow_with_other_modes_are_refused(mode: str) -> None:
 
 
 def test_colors_of_a_heightmap_have_its_shape() -> None:
-    with pytest.raises(ValueError, match=r"colors have shape \(4, 3, 3\) for heights of shape \(3, 4\)"):
+    with pytest.raises(ValueError, match=r"colors .*\(4, 3, 3\).*\(3, 4\)"):
         Heightmap(np.zeros((3, 4)), (1.0, 1.0), colors=np.zeros((4, 3, 3)))
     for shape in ((3, 4, 3), (12, 4)):
         assert Heightmap(np.zeros((3, 4)), (1.0, 1.0), colors=np.zeros(shape)).body()["colors"].shape == (12, shape[-1])

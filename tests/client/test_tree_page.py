@@ -1,7 +1,5 @@
 """The client's visibility, opacity, page view and clicks, with the service over TCPQ and UDP."""
 
-from __future__ import annotations
-
 import asyncio
 import logging
 from typing import Any
@@ -74,7 +72,7 @@ async def test_many_transforms() -> None:
                 assert viewer.set_transforms([], []).transformed == ()
                 with viewer.batch() as batch:
                     batch.set_transforms(["c"], np.full((1, 7), 0.5))
-                with pytest.raises(ValueError, match=r"poses must have shape \(1, 7\) for 1 paths, not \(7,\)"):
+                with pytest.raises(ValueError, match=r"poses .*\(1, 7\).*\(7,\)"):
                     viewer.set_transforms(["c"], np.zeros(7))
                 with pytest.raises(TypeError, match="paths must be a list of paths, not 'c'"):
                     viewer.set_transforms("c", np.zeros((1, 7)))
@@ -97,11 +95,11 @@ async def test_settings_of_the_page() -> None:
                 viewer.set_view(home=((1, 2, 3), (0, 0, 0)), grid=None)
                 with pytest.raises(TypeError, match="grid must be True, False or None, not 'no'"):
                     viewer.set_view(grid="no")  # type: ignore[arg-type]
-                with pytest.raises(ValueError, match="home must be eye, target and optionally up, not"):
+                with pytest.raises(ValueError, match=r"home .*eye, target"):
                     viewer.set_view(home=((1, 2, 3),))
-                with pytest.raises(ValueError, match=r"eye of home must have finite numbers, not \[nan, 0.0, 0.0\]"):
+                with pytest.raises(ValueError, match=r"eye of home .*\[nan, 0.0, 0.0\]"):
                     viewer.set_view(home=((float("nan"), 0, 0), (0, 0, 0)))
-                with pytest.raises(TreeViewerError, match=r"setview\[0\]: home.eye and home.target are the same point"):
+                with pytest.raises(TreeViewerError, match=r"setview\[0\]: home.eye and home.target"):
                     viewer.set_view(home=((0, 0, 0), (0, 0, 0)))
 
         await in_thread(talk)
@@ -163,7 +161,7 @@ async def test_callbacks_that_cannot_be_called_are_refused() -> None:
 
         def talk() -> None:
             with TreeViewer(hub_of(service), timeout=SECONDS) as viewer:
-                with pytest.raises(TypeError, match="must not be a coroutine; AsyncTreeViewer takes both"):
+                with pytest.raises(TypeError, match=r"coroutine.* AsyncTreeViewer"):
                     viewer.on_click("robot", coroutine)
                 with pytest.raises(TypeError, match="must be a function, not None"):
                     viewer.on_click("robot", None)  # type: ignore[arg-type]

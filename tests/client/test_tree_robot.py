@@ -1,7 +1,5 @@
 """Robots in a tree viewer: geometry once, then transforms."""
 
-from __future__ import annotations
-
 import asyncio
 from collections.abc import Callable
 from pathlib import Path
@@ -78,11 +76,11 @@ def test_joints_move_only_what_they_carry_and_send_no_geometry(tmp_path: Path) -
 
 def test_a_wrong_joint_changes_nothing(tmp_path: Path) -> None:
     sent, robot = published(tmp_path)
-    with pytest.raises(ValueError, match="the robot has no joint 'elbo'; did you mean elbow"):
+    with pytest.raises(ValueError, match=r"'elbo'.* elbow"):
         robot.set_joints({"shoulder": 1.0, "elbo": 0.0})
-    with pytest.raises(ValueError, match="revolute joint 'elbow' must be one finite number, not 'up'"):
+    with pytest.raises(ValueError, match=r"'elbow' .*'up'"):
         robot.set_joints({"shoulder": 1.0, "elbow": "up"})
-    with pytest.raises(ValueError, match=r"joint values must be a mapping such as .* not \[0.5\]"):
+    with pytest.raises(ValueError, match=r"joint values .*\[0.5\]"):
         robot.set_joints([0.5])  # type: ignore[arg-type]
     assert len(sent.changes) == 1
     assert robot.joint_values["shoulder"] == (0.0,)

@@ -1,7 +1,5 @@
 """The client with the service over TCPQ and UDP, with a viewer that restarts, and without a viewer."""
 
-from __future__ import annotations
-
 import asyncio
 import contextlib
 import os
@@ -85,7 +83,7 @@ def tour(url: str, binary: bool | None) -> None:
         with pytest.raises(TreeViewerError, match="no folder of mesh files is open to clients") as caught:
             tree_viewer["mesh"].set(MeshFile("/etc/passwd"))
         assert caught.value.answer.status == -3
-        with pytest.raises(TypeError, match=r"set takes geometries such as Box\(\(1, 1, 1\)\), not 'box'"):
+        with pytest.raises(TypeError, match=r"Box\(\(1, 1, 1\)\).* 'box'"):
             tree_viewer["robot"].set("box")  # type: ignore[arg-type]  # the error is tested
         assert tree_viewer["robot"]["base"].delete().deleted == (("robot", "base"),)
 
@@ -192,7 +190,7 @@ async def test_what_cannot_be_sent_is_not_sent_again() -> None:
     def fail(tree_viewer: TreeViewer) -> None:
         with pytest.raises(ValueError, match=r"^'\\ud800' is not Unicode text$"):
             tree_viewer["\ud800"].set(Box((1, 1, 1)))
-        with pytest.raises(ValueError, match=r"^the request has an integer of more than 64 bits$"):
+        with pytest.raises(ValueError, match="more than 64 bits"):
             tree_viewer[2**70].set(Box((1, 1, 1)))
 
     async with serving(config):
@@ -236,13 +234,13 @@ def test_a_timeout_is_positive() -> None:
 
 def test_off_is_no_network(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("LCM_DEFAULT_URL", "off")
-    with pytest.raises(ConnectionError, match="LCM is off: the URL 'off' stands for no network"):
+    with pytest.raises(ConnectionError, match="URL 'off'"):
         TreeViewer(timeout=SECONDS)
 
 
 def test_a_url_is_a_text() -> None:
     port: Any = 7700
-    with pytest.raises(ValueError, match=r"url must be an LCM URL such as 'tcpq://127\.0\.0\.1:7700', not 7700"):
+    with pytest.raises(ValueError, match=r"^url .*7700"):
         TreeViewer(port, timeout=SECONDS)
 
 
@@ -260,7 +258,7 @@ def test_reports_timeout() -> None:
     join(url)
     with (
         TreeViewer(url, timeout=0.05) as tree_viewer,  # short: no viewer
-        pytest.raises(TimeoutError, match=r"no viewer answered within 0\.05 s on udpm:.* big messages can get lost"),
+        pytest.raises(TimeoutError, match=r"0\.05 s on udpm:.* big messages"),
     ):
         tree_viewer["a"].set(Sphere(1))
     assert not tree_viewer.requests.pending

@@ -1,7 +1,5 @@
 """A user's program under ``mypy --strict``: the installed package is typed, and wrong names are errors."""
 
-from __future__ import annotations
-
 import importlib.metadata
 import subprocess
 import sys

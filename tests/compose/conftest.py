@@ -1,7 +1,5 @@
 """The gateway under test: SCENEGATE_URL (a container, another machine), or a process started here."""
 
-from __future__ import annotations
-
 import contextlib
 import os
 import random

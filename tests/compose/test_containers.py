@@ -1,7 +1,5 @@
 """docker-compose.yml with containers: every profile does its work, and the other tests of this folder pass in one."""
 
-from __future__ import annotations
-
 import os
 import re
 import time

@@ -1,7 +1,5 @@
 """docker-compose.yml and what it mounts, read by every program for them that is on this machine."""
 
-from __future__ import annotations
-
 import re
 import shutil
 import subprocess

@@ -1,7 +1,5 @@
 """The HTTP interface from outside, without any of the gateway's code."""
 
-from __future__ import annotations
-
 import base64
 import io
 import json

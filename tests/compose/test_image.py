@@ -3,8 +3,6 @@
 A module, file or package that the tests need and the image lacks fails here as it would in the container.
 """
 
-from __future__ import annotations
-
 import json
 import os
 import random

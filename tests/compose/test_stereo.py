@@ -1,7 +1,5 @@
 """The stereo camera from outside; message types come from the server, by gRPC reflection."""
 
-from __future__ import annotations
-
 import base64
 import io
 import json

@@ -1,7 +1,5 @@
 """The tree viewer from another process or container: messages get responses, the scene can be rendered."""
 
-from __future__ import annotations
-
 import socket
 import subprocess
 import sys

@@ -1,7 +1,5 @@
 """The browser view from another container: the page, its scene over WebSocket, nothing from other hosts."""
 
-from __future__ import annotations
-
 import io
 
 import cv2

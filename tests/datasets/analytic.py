@@ -1,7 +1,5 @@
 """A dataset of two boxes that are seen by ray casting in NumPy: annotations without the renderer."""
 
-from __future__ import annotations
-
 import hashlib
 import io
 from dataclasses import dataclass, field

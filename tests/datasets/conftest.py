@@ -1,7 +1,5 @@
 """Small scenes of every kind, and runs in this process."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Callable, Iterator
 from pathlib import Path

@@ -3,8 +3,6 @@
 The camera looks along +Z of the world with +X to the right and +Y down, 64 x 48 pixels, f = 40 pixels.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path

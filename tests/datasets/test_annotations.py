@@ -1,7 +1,5 @@
 """Masks, boxes and visibility of objects whose pixels follow from arithmetic."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -132,5 +130,5 @@ def test_silhouettes_do_not_depend_on_the_others(renderer: CpuRenderer, path: Pa
 def test_a_scene_with_too_many_objects_is_refused(path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(annotated_scene, "MAX_OBJECTS", 1)
     scene = load(write_plates(path, [Plate("a"), Plate("b")]))
-    with pytest.raises(SceneError, match="2 annotated objects are more than the limit, 1"):
+    with pytest.raises(SceneError, match=r"2 annotated .*1"):
         annotate_scene(scene, classes_of_models(["plate"]), lambda record, data: None)

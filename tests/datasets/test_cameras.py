@@ -1,7 +1,5 @@
 """Cameras of datasets: the camera file, orbits, intrinsics."""
 
-from __future__ import annotations
-
 import json
 import os
 from dataclasses import replace

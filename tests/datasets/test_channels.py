@@ -1,7 +1,5 @@
 """Normals, base colours, flow and stereo images of plates, whose values follow from arithmetic."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from pathlib import Path
 

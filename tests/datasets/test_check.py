@@ -1,7 +1,5 @@
 """``scenegate dataset check`` finds what is wrong, and nothing in what is right."""
 
-from __future__ import annotations
-
 import hashlib
 import json
 import os

@@ -1,7 +1,5 @@
 """Classes of objects."""
 
-from __future__ import annotations
-
 import json
 import os
 import tomllib

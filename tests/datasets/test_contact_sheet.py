@@ -1,7 +1,5 @@
 """``scenegate dataset show``: one HTML file that works without a server."""
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Atomic writes, locks, digests and the journal."""
 
-from __future__ import annotations
-
 import hashlib
 import io
 import os

@@ -1,7 +1,5 @@
 """Samples and tasks of a job."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

@@ -1,7 +1,5 @@
 """Datasets as data loaders use them: arrays in batches, transforms, processes."""
 
-from __future__ import annotations
-
 import pickle
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Tracks of nodes in LCM logs."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Objects of scenes: which nodes they are, their frames and models."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

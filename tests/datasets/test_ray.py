@@ -1,7 +1,5 @@
 """Datasets on a Ray cluster of two nodes: complete and the same to the last byte, although a worker is killed."""
 
-from __future__ import annotations
-
 import json
 import os
 import subprocess

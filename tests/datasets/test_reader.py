@@ -1,7 +1,5 @@
 """The reader for training jobs."""
 
-from __future__ import annotations
-
 import pickle
 import subprocess
 import sys

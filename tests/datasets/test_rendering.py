@@ -1,7 +1,5 @@
 """Encoded images of a scene, and the style in a dataset's settings."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from pathlib import Path
 

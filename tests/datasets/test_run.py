@@ -1,7 +1,5 @@
 """Runs are reproducible and continue where they stopped; one bad scene does not stop the others."""
 
-from __future__ import annotations
-
 import json
 import os
 import signal
@@ -290,7 +288,7 @@ def test_refuses_a_dataset_with_other_settings_or_scenes(scenes: Path, tmp_path:
     with pytest.raises(DatasetError, match=r"other settings \(width: 32 there, 64 now\)"):
         draw(job_of(scenes, out, settings=other))
     (scenes / "a.gltf").unlink()
-    with pytest.raises(DatasetError, match=r"2 samples of scenes or views that this command does not name \(a.gltf"):
+    with pytest.raises(DatasetError, match=r"2 samples .*\(a.gltf"):
         draw(job_of(scenes, out))
     assert contents(out) == before
 

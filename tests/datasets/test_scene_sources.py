@@ -1,7 +1,5 @@
 """Kinds and names of scene files."""
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Loading scenes of each kind, and their description."""
 
-from __future__ import annotations
-
 import hashlib
 import json
 from pathlib import Path
@@ -85,7 +83,7 @@ def test_tree_viewer_requests(tmp_path: Path) -> None:
     assert (labels(scene), scene.look, scene.file_camera) == ([1, 2], "studio", None)
     assert scene.description.labels == {"1": (("robot", "base"),), "2": (("robot", "arm"),)}
     path.write_text("{}")
-    with pytest.raises(SceneError, match="no setgeometry and no settransform command is in it"):
+    with pytest.raises(SceneError, match=r"setgeometry .*settransform"):
         loaded(path)
 
 
@@ -128,7 +126,7 @@ def test_a_robot_is_posed_by_its_joints_and_has_a_label_for_each_link(tmp_path: 
     assert [file.path for file in scene.description.sources] == ["robot.urdf"]
     expected = read_robot(tmp_path / "robot.urdf").tree({"shoulder": 1.5}).world_matrix(("arm", "upper"))
     np.testing.assert_array_equal(scene.root.world_matrix(("arm", "upper")), expected)
-    with pytest.raises(SceneError, match=r"^the robot has no joint 'sholder'; did you mean shoulder"):
+    with pytest.raises(SceneError, match=r"'sholder'.* shoulder"):
         load_scene(source, SceneOptions(joints=("sholder=1",)))
 
 

@@ -239,7 +239,7 @@ def test_a_task_that_ray_gave_up_fails_alone(task: Task, monkeypatch: pytest.Mon
 def test_ray_without_a_cluster_and_without_ray(task: Task, monkeypatch: pytest.MonkeyPatch) -> None:
     ray = FakeRay(1)
     monkeypatch.setitem(sys.modules, "ray", ray)
-    with pytest.raises(DatasetError, match=r"^there is no Ray cluster at nowhere: no answer$"):
+    with pytest.raises(DatasetError, match=r"Ray .*nowhere"):
         list(ray_tasks.run_ray([task], "nowhere"))
     assert ray.calls == ["nowhere"]
     monkeypatch.setitem(sys.modules, "ray", None)

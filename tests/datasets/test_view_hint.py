@@ -1,7 +1,5 @@
 """Hints about scenes of which a camera sees nothing."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

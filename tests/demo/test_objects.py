@@ -3,8 +3,6 @@
 After a change on purpose, write the file again: ``python -m tests.demo.test_objects``.
 """
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """Parses the pages of the documentation: prose, code, links."""
 
-from __future__ import annotations
-
 import re
 from dataclasses import dataclass
 from pathlib import Path

@@ -3,8 +3,6 @@
 Only addresses are replaced, because tests must not use the default ports, and the client's timeout.
 """
 
-from __future__ import annotations
-
 import os
 import re
 import shutil

@@ -1,7 +1,5 @@
 """Links, files, commands and flags in the documentation exist."""
 
-from __future__ import annotations
-
 import re
 import shlex
 from functools import cache

@@ -1,7 +1,5 @@
 """The plot of docs/performance.md is that of its table."""
 
-from __future__ import annotations
-
 from tools.pictures.performance_plot import PAGE, PLOT, plot, times_of
 
 

@@ -1,7 +1,5 @@
 """The built site (``make docs-site``): pages as on GitHub, nothing from other hosts, a search that finds."""
 
-from __future__ import annotations
-
 import functools
 import http.server
 import re

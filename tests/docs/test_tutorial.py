@@ -1,7 +1,5 @@
 """The lessons, done as a reader does them: every block in order, in one folder, against a running gateway."""
 
-from __future__ import annotations
-
 import os
 import subprocess
 import sys

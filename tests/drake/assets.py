@@ -1,7 +1,5 @@
 """Files of the test scenes, made from arrays: PNG textures, OBJ and glTF meshes. Needs only NumPy."""
 
-from __future__ import annotations
-
 import base64
 import json
 import struct

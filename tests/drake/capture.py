@@ -7,8 +7,6 @@ FOLDER/NAME gets, for each of color, depth and label, the posted scene (``color.
 ``color_copy.png`` is the colour image of a copy of the context, for which RenderEngineVtk draws in another order.
 """
 
-from __future__ import annotations
-
 import email
 import email.policy
 import json

@@ -6,8 +6,6 @@ MODELS is a checkout of RobotLocomotion/models. ``FOLDER/NAME_SUFFIX`` gets the 
 and ``color.ctype``, likewise depth and label) and ``vtk.npz`` with RenderEngineVtk's color, depth and label.
 """
 
-from __future__ import annotations
-
 import lzma
 import shutil
 import sys

@@ -7,8 +7,6 @@
 Prints one JSON document. Needs nothing of this project, so that it is Drake's client alone that speaks to the gateway.
 """
 
-from __future__ import annotations
-
 import base64
 import hashlib
 import json

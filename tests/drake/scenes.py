@@ -3,8 +3,6 @@
 Imported by an interpreter that has pydrake.
 """
 
-from __future__ import annotations
-
 import json
 from collections.abc import Callable
 from dataclasses import dataclass

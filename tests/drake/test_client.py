@@ -1,7 +1,5 @@
 """Drake's real client against a running gateway: pictures equal RenderEngineVtk's, refusals are read by people."""
 
-from __future__ import annotations
-
 import json
 import os
 import subprocess

@@ -1,7 +1,5 @@
 """Many small scenes as Drake's client posts them, against RenderEngineVtk's images: textures, alpha, materials."""
 
-from __future__ import annotations
-
 import json
 import os
 import subprocess

@@ -1,7 +1,5 @@
 """Drake's own robots as its client posts them, against RenderEngineVtk's images."""
 
-from __future__ import annotations
-
 import lzma
 from collections.abc import Iterator
 from pathlib import Path

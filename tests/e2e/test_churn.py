@@ -3,8 +3,6 @@
 The short form of ``python -m tests.soak --parts churn``.
 """
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

@@ -1,7 +1,5 @@
 """The commands except serve, as a user types them."""
 
-from __future__ import annotations
-
 import json
 import os
 import socket

@@ -1,7 +1,5 @@
 """Renders that would take minutes end at --render-seconds, when their clients disconnect, and at SIGTERM."""
 
-from __future__ import annotations
-
 import http.client
 import re
 import time

@@ -1,7 +1,5 @@
 """The page /docs in a real browser: "Try it out" sends each example as it is, and the response arrives."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Iterator
 from pathlib import Path

@@ -1,7 +1,5 @@
 """The examples run unchanged against a gateway with the demo scene."""
 
-from __future__ import annotations
-
 import json
 import subprocess
 import sys

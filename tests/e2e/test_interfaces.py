@@ -1,7 +1,5 @@
 """All interfaces of one process on one live scene, each used through its clients' own library."""
 
-from __future__ import annotations
-
 import json
 import socket
 import struct

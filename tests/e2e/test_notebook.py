@@ -1,7 +1,5 @@
 """The example notebook runs unchanged, and a browser shows its outputs: live page, page in one file, image."""
 
-from __future__ import annotations
-
 import base64
 import io
 from collections.abc import Iterator

@@ -1,7 +1,5 @@
 """``scenegate publish``, ``record`` and ``play`` with a running tree viewer."""
 
-from __future__ import annotations
-
 import asyncio
 import json
 import sys

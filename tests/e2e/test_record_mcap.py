@@ -1,7 +1,5 @@
 """``scenegate record --mcap`` with a gateway: scene and camera, and what a killed recorder leaves."""
 
-from __future__ import annotations
-
 import signal
 import subprocess
 import sys

@@ -1,7 +1,5 @@
 """``scenegate serve`` as a process: start, first requests, signals, errors at start."""
 
-from __future__ import annotations
-
 import json
 import os
 import re
@@ -117,7 +115,7 @@ def test_a_taken_port_is_one_sentence() -> None:
 def test_uvicorn_refuses_our_number_of_processes(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("SCENEGATE_WORKERS", "2")
     monkeypatch.setenv("SCENEGATE_ONLY", "render")
-    with pytest.raises(SettingsError, match="SCENEGATE_WORKERS is for `scenegate serve` only"):
+    with pytest.raises(SettingsError, match=r"SCENEGATE_WORKERS .*scenegate serve"):
         _ = gateway.app.app
 
 

@@ -1,7 +1,5 @@
 """SIGTERM under load: accepted renders are answered, streams end with a status, the exit code is 0."""
 
-from __future__ import annotations
-
 from collections import deque
 from concurrent.futures import Future, ThreadPoolExecutor
 from typing import Any

@@ -1,7 +1,5 @@
 """SIGTERM at any moment of ``scenegate serve`` ends all of its processes with exit code 0."""
 
-from __future__ import annotations
-
 import os
 import signal
 from collections.abc import Callable, Iterator

@@ -1,7 +1,5 @@
 """``--state`` as its users have it: the whole gateway is killed and started again."""
 
-from __future__ import annotations
-
 import asyncio
 import signal
 import sqlite3

@@ -1,7 +1,5 @@
 """``scenegate view`` as users run it, over HTTP and in a browser."""
 
-from __future__ import annotations
-
 import io
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -14,11 +12,11 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from gateway.files.assets.mesh_files import MeshFiles
-from gateway.replay.replay import LogReplay
+from gateway.replay.log_replay import LogReplay
 from tests.adapters.treeviewer.conversation import message
 from tests.adapters.viewer.page import View
 from tests.replay.logs import BEGIN, CHANNEL, write_log
-from tests.replay.test_timeline import box_at, moving
+from tests.replay.test_log_timeline import box_at, moving
 from tests.support import clients
 from tests.support.browser import chromium
 from tests.support.command import scenegate

@@ -1,7 +1,5 @@
 """Nothing is compiled in a serving process: that would stop every interface for seconds."""
 
-from __future__ import annotations
-
 import json
 import os
 import shutil

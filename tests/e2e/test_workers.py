@@ -1,7 +1,5 @@
 """``scenegate serve --only render --workers 2``: real processes on one port."""
 
-from __future__ import annotations
-
 import os
 import shutil
 import signal

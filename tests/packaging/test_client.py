@@ -1,7 +1,5 @@
 """The client alone, installed in an environment of its own, against a gateway of this environment."""
 
-from __future__ import annotations
-
 import os
 import re
 import shutil

@@ -1,7 +1,5 @@
 """Wheels and sdists of client and server: those in SCENEGATE_DIST (`make dist-test`), or built here."""
 
-from __future__ import annotations
-
 import os
 import random
 import re

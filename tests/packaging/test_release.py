@@ -1,7 +1,5 @@
 """``make release`` in a clone: tag, texts, generated pages, and the tests that a release could break."""
 
-from __future__ import annotations
-
 import os
 import re
 import subprocess
@@ -93,7 +91,7 @@ def test_other_texts_are_no_versions(version: str) -> None:
 
 def test_the_first_release_is_not_lower_than_the_checkout() -> None:
     check_version("0.1.0", "0.1.0", [])
-    with pytest.raises(ReleaseError, match=r"0.0.9 is lower than 0.1.0, the version of this checkout"):
+    with pytest.raises(ReleaseError, match=r"0.0.9 .*0.1.0"):
         check_version("0.0.9", "0.1.0", [])
 
 

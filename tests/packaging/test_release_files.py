@@ -1,7 +1,5 @@
 """Files that publish: workflows, what they run, and what names the version."""
 
-from __future__ import annotations
-
 import re
 import shutil
 import subprocess

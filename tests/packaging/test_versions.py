@@ -4,8 +4,6 @@ A selection of tests that needs no compiled kernels, which take a minute for eac
 runs all fast tests.
 """
 
-from __future__ import annotations
-
 import os
 import shutil
 import subprocess

@@ -1,7 +1,5 @@
 """Logs for tests, and what a viewer that receives their messages shows after each."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """``scenegate convert``: the scene of LCM logs in MCAP files."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

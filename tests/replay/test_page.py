@@ -1,7 +1,5 @@
 """A page that seeks in a log: after each update it has the meshes of all its nodes, and the state of the time."""
 
-from __future__ import annotations
-
 import asyncio
 import gc
 import random
@@ -15,12 +13,12 @@ from gateway.adapters.viewer.hub import ViewHub
 from gateway.adapters.viewer.messages import TimeCommand
 from gateway.files.assets.mesh_files import MeshFiles
 from gateway.replay.checkpoints import Checkpoints
-from gateway.replay.scan import scan_log
-from gateway.replay.timeline import LogTimeline
+from gateway.replay.log_scan import scan_log
+from gateway.replay.log_timeline import LogTimeline
 from gateway.scene.tree.live import LiveTree
 from tests.adapters.viewer.model import Model
 from tests.replay.logs import BEGIN, write_log
-from tests.replay.test_timeline import cloud_of, moving
+from tests.replay.test_log_timeline import cloud_of, moving
 from tests.support.view_frames import parse_frame
 from tests.support.waiting import SECONDS
 

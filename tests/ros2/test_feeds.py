@@ -1,7 +1,5 @@
 """Messages of the scene that the ROS 2 node publishes, from frames of given trees."""
 
-from __future__ import annotations
-
 import asyncio
 import importlib
 from collections import Counter

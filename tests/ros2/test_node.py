@@ -1,7 +1,5 @@
 """The ROS 2 node on a stand-in of rclpy, with a gateway. There is no ROS 2 here: see docs/ros2.md."""
 
-from __future__ import annotations
-
 import importlib
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack

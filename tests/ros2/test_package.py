@@ -1,7 +1,5 @@
 """The ROS 2 package: its files agree with each other and with docs/ros2.md."""
 
-from __future__ import annotations
-
 import ast
 import importlib
 import runpy

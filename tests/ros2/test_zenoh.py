@@ -1,7 +1,5 @@
 """The node without ROS 2, in a process of its own: a second one receives over Zenoh what it publishes."""
 
-from __future__ import annotations
-
 import os
 import subprocess
 import sys

@@ -1,7 +1,5 @@
 """Files are read by ``scenegate.regular_files`` only: a named pipe or a device must not hang a command."""
 
-from __future__ import annotations
-
 import ast
 from pathlib import Path
 
@@ -19,7 +17,7 @@ ALLOWED = {
     "lcm/liblcm_transport.py": "/dev/null",
     "runtime/state/database.py": "checks by itself that the file is regular, since it writes it",
     "adapters/viewer/routes.py": "the page, a part of this package",
-    "adapters/viewer/scene_file.py": "the page, a part of this package",
+    "replay/page_file.py": "the page, a part of this package",
     "adapters/stereo/imaging/pair_files.py": "np.load of an open regular file",
     "cli/standard_streams.py": "/dev/null",
     "testing/gateway.py": "its own log",

@@ -4,8 +4,6 @@ Each compiled pattern of a module is used on megabytes of text that fits it almo
 take hours for them: a child process with a limit on its time uses the patterns.
 """
 
-from __future__ import annotations
-
 import ast
 import re
 from collections.abc import Callable, Iterator

@@ -3,8 +3,6 @@
 ``python -m tests.rules.test_rooms`` prints the rooms and the arrows between them.
 """
 
-from __future__ import annotations
-
 import ast
 import tomllib
 from collections.abc import Iterator

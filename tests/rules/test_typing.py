@@ -1,7 +1,5 @@
 """Parameters of kernels are annotated; ``python -m tests.rules.test_typing`` prints their share."""
 
-from __future__ import annotations
-
 import ast
 import re
 from collections.abc import Iterator

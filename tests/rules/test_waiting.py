@@ -5,8 +5,6 @@ pages of the browser from ``tests.support.browser``, and a sleep is part of a ``
 Where a short time of the product is the subject, the line says why it may be short: ``# short: …``.
 """
 
-from __future__ import annotations
-
 import ast
 from collections.abc import Iterator
 from pathlib import Path

@@ -1,7 +1,5 @@
 """The rows of ``scenegate doctor``: when each is ok, a note or an error, and the remedy that it names."""
 
-from __future__ import annotations
-
 import ctypes
 import errno
 import os

@@ -1,7 +1,5 @@
 """The lock of a file: held, taken, and file systems that have none."""
 
-from __future__ import annotations
-
 import errno
 from pathlib import Path
 

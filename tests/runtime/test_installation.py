@@ -1,7 +1,5 @@
 """What ``scenegate doctor`` finds in broken installations."""
 
-from __future__ import annotations
-
 import subprocess
 from importlib.metadata import PackageNotFoundError
 from pathlib import Path

@@ -1,7 +1,5 @@
 """``scenegate doctor`` distinguishes a running gateway from other programs."""
 
-from __future__ import annotations
-
 import contextlib
 import json
 import socket

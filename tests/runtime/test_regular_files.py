@@ -1,7 +1,5 @@
 """Files that somebody names: regular ones only, except for pipes on the command line."""
 
-from __future__ import annotations
-
 import hashlib
 import os
 import re
@@ -46,7 +44,7 @@ def test_reads_bytes_and_text(tmp_path: Path) -> None:
 def test_a_pointer_of_git_lfs_is_refused(tmp_path: Path) -> None:
     path = tmp_path / "model.obj"
     path.write_text("version https://git-lfs.github.com/spec/v1\noid sha256:f578f7\nsize 517437\n")
-    with pytest.raises(OSError, match="it is a pointer of Git LFS, not the file: run git lfs pull"):
+    with pytest.raises(OSError, match=r"Git LFS, .*git lfs pull"):
         read_regular(path)
 
 

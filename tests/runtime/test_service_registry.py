@@ -1,7 +1,5 @@
 """States of interfaces, and the status of /readyz that follows."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from typing import Any
 

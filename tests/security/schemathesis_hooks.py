@@ -3,8 +3,6 @@
 Schemathesis loads this file in its own interpreter (``hooks`` in schemathesis.toml): nothing of the gateway is here.
 """
 
-from __future__ import annotations
-
 import json
 import math
 import struct

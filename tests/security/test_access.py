@@ -1,7 +1,5 @@
 """A gateway process with TLS and tokens on every interface, and its log."""
 
-from __future__ import annotations
-
 import asyncio
 import ssl
 from collections.abc import Iterator

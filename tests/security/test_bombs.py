@@ -1,7 +1,5 @@
 """Small inputs that decompress or parse to large ones; a process of its own measures memory."""
 
-from __future__ import annotations
-
 import struct
 import subprocess
 import sys

@@ -1,7 +1,5 @@
 """Hostile HTTP against a whole gateway: paths, headers, hosts, WebSockets, encodings."""
 
-from __future__ import annotations
-
 import gzip
 import socket
 import time

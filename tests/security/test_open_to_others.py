@@ -1,7 +1,5 @@
 """Interfaces that other machines reach, and settings that are refused."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

@@ -1,7 +1,5 @@
 """The OpenAPI description against the responses of a gateway, errors included."""
 
-from __future__ import annotations
-
 import os
 import re
 import shutil

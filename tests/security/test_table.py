@@ -1,7 +1,5 @@
 """README.md of this folder names tests; they must exist."""
 
-from __future__ import annotations
-
 import ast
 import re
 from pathlib import Path

@@ -10,8 +10,6 @@ for so many minutes; the slope of the memory over the second half, and the stall
 on loopback, in one gateway, two processes.
 """
 
-from __future__ import annotations
-
 import argparse
 import asyncio
 import contextlib

@@ -1,7 +1,5 @@
 """Clients of the soak, by bytes where they misbehave: well-behaved, slow, half-open, vanishing."""
 
-from __future__ import annotations
-
 import asyncio
 import contextlib
 import json

@@ -5,8 +5,6 @@ threads, theirs is taken from it. Their CPU time is printed beside the gateway's
 which is part of every time that they measure.
 """
 
-from __future__ import annotations
-
 import asyncio
 import time
 from dataclasses import dataclass, field

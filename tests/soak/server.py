@@ -3,8 +3,6 @@
 python -m tests.soak.server FLAGS…
 """
 
-from __future__ import annotations
-
 import asyncio
 import contextlib
 import json
@@ -23,6 +21,7 @@ from gateway.runtime import settings as options
 from gateway.runtime.http import http_server
 from gateway.runtime.logs import log_setup
 from gateway.runtime.workers import process_tuning
+from gateway.wiring.state import open_state
 
 TICK = 0.001
 """Seconds between two looks of the ticker whose delays are the loop's stalls."""
@@ -68,11 +67,10 @@ async def serve(flags: dict[str, Any]) -> None:
     """Until SIGTERM."""
     settings = options.load(flags)
     log_setup.configure("json", "error")
-    app = create_app(settings)
+    app = create_app(settings, open_state(settings), on_started=process_tuning.freeze_gc)
     listener = process_tuning.listen(settings.host, settings.http_port)
     server = http_server.MainServer(http_server.server_config(app, settings.shutdown_seconds, lifespan=True))
     app.state.closing = lambda: server.should_exit
-    app.state.on_started = process_tuning.freeze_gc
     ticker = asyncio.create_task(tell())
     await server.serve(sockets=[listener])
     ticker.cancel()

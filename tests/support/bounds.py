@@ -1,7 +1,5 @@
 """The exact box of a scene."""
 
-from __future__ import annotations
-
 from gateway.scene.draw.bounds import Bounds, instance_bounds, union
 from renderers.drawlist import DrawList
 

@@ -1,7 +1,5 @@
 """Debian's chromium, driven by Playwright; nothing is downloaded."""
 
-from __future__ import annotations
-
 import shutil
 from collections.abc import Iterator
 from contextlib import contextmanager

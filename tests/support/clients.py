@@ -1,7 +1,5 @@
 """Clients for tests, with the time limit of all waits: httpx2 alone gives up after 5 s, websockets after 10."""
 
-from __future__ import annotations
-
 from functools import partial
 
 import httpx2

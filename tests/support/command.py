@@ -1,7 +1,5 @@
 """Runs the command ``scenegate`` in this process."""
 
-from __future__ import annotations
-
 import io
 from contextlib import redirect_stderr, redirect_stdout
 from dataclasses import dataclass

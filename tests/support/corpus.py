@@ -4,8 +4,6 @@
 the project; tests that need them are marked ``corpus`` and skip, with a reason, where they are absent.
 """
 
-from __future__ import annotations
-
 import json
 import os
 from dataclasses import dataclass

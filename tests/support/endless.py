@@ -1,7 +1,5 @@
 """A renderer that never finishes by itself."""
 
-from __future__ import annotations
-
 import threading
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Render requests as forms, for tests: Drake's fields with changes, encoded as its client encodes them."""
 
-from __future__ import annotations
-
 import hashlib
 import json
 from collections.abc import Iterable, Mapping

@@ -1,7 +1,5 @@
 """``scenegate serve`` in a process of its own, used over the network."""
 
-from __future__ import annotations
-
 import json
 import queue
 import signal

@@ -1,7 +1,5 @@
 """LCM's own library, if it is installed."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import pytest

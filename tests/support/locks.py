@@ -1,7 +1,5 @@
 """A file system without locks."""
 
-from __future__ import annotations
-
 import errno
 import fcntl
 import os

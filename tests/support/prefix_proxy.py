@@ -1,7 +1,5 @@
 """A reverse proxy that serves a gateway below a path prefix, as JupyterHub, code-server and an ingress do."""
 
-from __future__ import annotations
-
 import asyncio
 import contextlib
 import threading

@@ -1,7 +1,5 @@
 """Scenes that take minutes to draw, in half a megabyte."""
 
-from __future__ import annotations
-
 import base64
 import json
 from typing import Any

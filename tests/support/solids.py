@@ -1,7 +1,5 @@
 """Solids of every type, from the fields of their classes: a new subclass of ``Solid`` is in all tests that use this."""
 
-from __future__ import annotations
-
 from typing import Any, Final, get_type_hints
 
 from hypothesis import strategies as st

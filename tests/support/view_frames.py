@@ -1,7 +1,5 @@
 """Frames of the browser view, as tests read them."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import msgspec

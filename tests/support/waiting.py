@@ -1,7 +1,5 @@
 """The time limit of all tests, and polling for conditions without an event."""
 
-from __future__ import annotations
-
 import asyncio
 import time
 from collections.abc import Callable

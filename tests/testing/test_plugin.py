@@ -1,7 +1,5 @@
 """The plugin in a pytest process of its own, with the example of its documentation page."""
 
-from __future__ import annotations
-
 import re
 import subprocess
 import sys

@@ -1,7 +1,5 @@
 """Objects shared by all interfaces: what happens while nothing is rendered."""
 
-from __future__ import annotations
-
 import asyncio
 from functools import partial
 

@@ -1,7 +1,5 @@
 """Metrics of a gateway after requests of each kind: values, HELP texts, documentation, alerts."""
 
-from __future__ import annotations
-
 import json
 import re
 import shutil

@@ -1,7 +1,5 @@
 """Scene files of settings, read while the gateway starts."""
 
-from __future__ import annotations
-
 import asyncio
 import threading
 from typing import Any

@@ -1,7 +1,5 @@
 """Configurations that the interfaces get from the settings, and what the browser view shows of them."""
 
-from __future__ import annotations
-
 import asyncio
 import json
 from collections.abc import AsyncIterator

@@ -1,7 +1,5 @@
 """Spans of a gateway as an OpenTelemetry collector gets them, and of parts of it in memory."""
 
-from __future__ import annotations
-
 import asyncio
 import gzip
 import itertools

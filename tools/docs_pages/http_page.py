@@ -37,7 +37,7 @@ def description() -> dict[str, Any]:
     async def describe_running_gateway() -> dict[str, Any]:
         app = create_app(settings)
         async with app.router.lifespan_context(app):
-            await app.state.context.startup
+            await app.state.context.started.wait()
             return app.openapi()
 
     return asyncio.run(describe_running_gateway())

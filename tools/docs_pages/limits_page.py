@@ -39,7 +39,6 @@ CLASSES: Final[tuple[tuple[str, str, str], ...]] = (
     ("Stereo camera", "gateway.adapters.stereo.device.camera_config", "StereoConfig"),
     ("Scene over HTTP", "gateway.adapters.sceneapi.config", "SceneApiConfig"),
     ("Browser view", "gateway.adapters.viewer.config", "ViewerConfig"),
-    ("State", "gateway.runtime.state.service", "StateConfig"),
 )
 """Heading, module and class of each group of limits that are fields."""
 CONSTANTS: Final[tuple[tuple[str, str, tuple[str, ...]], ...]] = (
@@ -74,6 +73,7 @@ CONSTANTS: Final[tuple[tuple[str, str, tuple[str, ...]], ...]] = (
     ),
     ("Packages of meshes", "scenegate.robots.ros_packages", ("MAX_FOLDERS", "MAX_DEPTH")),
     ("Robot files: MJCF", "gateway.files.robots.mjcf_files", ("MAX_INCLUDES",)),
+    ("State", "gateway.runtime.state.service", ("MAX_WAITING_BYTES",)),
     ("Labels", "gateway.scene.tree.labels", ("MAX_LABELS",)),
     (
         "Cameras as text",
@@ -112,8 +112,8 @@ CONSTANTS: Final[tuple[tuple[str, str, tuple[str, ...]], ...]] = (
     ("Errors of the render endpoint", "gateway.adapters.render.errors", ("MAX_MESSAGE_BYTES", "_MAX_ECHO")),
     ("Browser view: messages", "gateway.adapters.viewer.routes", ("MAX_MESSAGE_CHARS", "MAX_CHANGES", "MAX_CLICKS")),
     ("Browser view: images of the stereo camera", "gateway.adapters.viewer.sensor_images", ("MAX_ENCODED_IMAGES",)),
-    ("Browser view: a scene in one file", "gateway.adapters.viewer.recording", ("MAX_BYTES",)),
-    ("Files with motion", "gateway.scene.tree.sampling", ("MAX_SAMPLES",)),
+    ("Browser view: a scene in one file", "gateway.replay.page_recorder", ("MAX_BYTES",)),
+    ("Files with motion", "gateway.scene.tree.timeline", ("MAX_SAMPLES",)),
     (
         "Images",
         "renderers.images",
@@ -148,8 +148,6 @@ _NOT_LIMITS: Final = frozenset(
         "max_update_rate",
         "status_seconds",
         "capture_seconds",
-        "idle_commit_seconds",
-        "checkpoint_bytes",
     }
 )
 """Numeric fields of ``CLASSES`` that are not limits."""

@@ -1,40 +1,33 @@
-"""Receive requests from the transports, and read and apply them: small ones at once on the event loop, big ones and
-those with images in worker threads.
-"""
+"""Pass messages from the transports on: requests are refused, executed at once or queued; others have listeners."""
 
 from __future__ import annotations
 
-import asyncio
 from collections.abc import Sequence
 from dataclasses import asdict
 from typing import Final
 
 import structlog
 
-from gateway.adapters.treeviewer import responses
 from gateway.adapters.treeviewer.config import TreeViewerConfig
 from gateway.adapters.treeviewer.delivery import Counters, Delivery, DurableStore, Publish, Recipient
-from gateway.adapters.treeviewer.protocol import REQUEST, RequestRefused, TreeViewerProtocol
+from gateway.adapters.treeviewer.executor import RequestExecutor
+from gateway.adapters.treeviewer.protocol import REQUEST, TreeViewerProtocol
 from gateway.adapters.treeviewer.queues import ClientQueues, ReceivedRequest
 from gateway.adapters.treeviewer.responses import AnyResponse
 from gateway.runtime.lcm.listener import ChannelListener
 from gateway.runtime.lcm.tcpq_hub import HubConnection
-from gateway.runtime.logs.tracing import lcm_message_span
-from gateway.runtime.workers.pool_errors import UnavailableErrors
 from gateway.runtime.workers.worker_pool import WorkerPool
 from scenegate.lcm.transport import LcmMessage
 from scenegate.messages import wire
 
 _log = structlog.get_logger("gateway.treeviewer")
 
-_MESSAGEPACK_SLOWNESS: Final = 4
-"""Ratio of the time to read a MessagePack request to that of a JSON request of the same size; see ``offload_bytes``."""
 MAX_LOGGED: Final = 10
 """Number of undecodable messages that are all logged. Of later ones every thousandth is logged."""
 
 
 class Dispatcher:
-    """Handles requests, and passes other messages to their listeners. All methods run in the event loop's thread."""
+    """Receives messages of all transports. All methods run in the event loop's thread."""
 
     def __init__(
         self,
@@ -46,20 +39,14 @@ class Dispatcher:
     ) -> None:
         """
         Args:
-            pool: its threads read big requests and those that ``read_at_once`` leaves to them.
             store: storage of the tree; None: responses do not wait for storage.
             listeners: receive the messages of other channels.
         """
-        self._protocol = protocol
-        self._config = config
-        self._pool = pool
-        self._store = store
-        self._listeners = tuple(listeners)
-        self._apply_lock = asyncio.Lock()
-        """Held while a big request is applied: merging two of them would block the event loop."""
+        self._config, self._store, self._listeners = config, store, tuple(listeners)
         self._closing = False
         self.counters = Counters()
         self._delivery = Delivery(self.counters, store)
+        self._executor = RequestExecutor(protocol, config, pool, self.counters, self._delivery.page_client)
         self.queues = ClientQueues(self._handle, protocol.live.unapplied_arrivals, config.client_waiting_bytes)
         self._last_undecodable = ""
         """Channel and fault of the last undecodable message."""
@@ -91,7 +78,11 @@ class Dispatcher:
         response: AnyResponse | None = None
         if self._closing:
             self._delivery.refuse(request.recipient, comms.utime, "the viewer is shutting down")
-        elif client not in self.queues.clients and not storage_full and (response := self._respond_at_once(request)):
+        elif (
+            client not in self.queues.clients
+            and not storage_full
+            and (response := self._executor.respond_at_once(request))
+        ):
             self._delivery.send_when_stored(request.recipient, response)
         elif storage_full or self.queues.waiting_bytes + request.memory > self._config.waiting_bytes:
             self.counters.dropped += 1
@@ -118,47 +109,7 @@ class Dispatcher:
 
     async def _handle(self, request: ReceivedRequest) -> None:
         """Respond to the oldest request in a client's queue."""
-        response = self._respond_at_once(request) or await self._respond_from_thread(request)
-        self._delivery.send_when_stored(request.recipient, response)
-
-    def _respond_at_once(self, request: ReceivedRequest) -> AnyResponse | None:
-        """Read and apply a small request on the event loop; return None if a thread must read it."""
-        message, comms = request.message, request.comms
-        slowness = _MESSAGEPACK_SLOWNESS if comms.format == wire.BINARY else 1
-        if len(message.data) > self._config.offload_bytes // slowness:
-            return None
-        try:
-            applier = self._protocol.read_at_once(comms)
-            if applier is None:
-                return None
-            with lcm_message_span(message.channel, len(message.data)):
-                applier.apply(message.arrival)
-                return self._protocol.respond(applier, self._delivery.page_client(request.recipient), comms.utime)
-        except Exception as error:  # one request must not end the transport  # noqa: BLE001
-            return self._failure(request, error)
-
-    async def _respond_from_thread(self, request: ReceivedRequest) -> AnyResponse:
-        """Read a request in a worker thread, and apply it in slices on the event loop."""
-        message, comms = request.message, request.comms
-        try:
-            with lcm_message_span(message.channel, len(message.data)):
-                applier = await self._pool.run(self._protocol.read, comms, message.is_local)
-                async with self._apply_lock:
-                    for _ in applier.slices(self._config.slice_commands, message.arrival):
-                        await asyncio.sleep(0)
-                return self._protocol.respond(applier, self._delivery.page_client(request.recipient), comms.utime)
-        except Exception as error:  # noqa: BLE001 - as in _respond_at_once
-            return self._failure(request, error)
-
-    def _failure(self, request: ReceivedRequest, error: Exception) -> AnyResponse:
-        """Return the response to a request that could not be read or applied. Log an unexpected error."""
-        if isinstance(error, RequestRefused):
-            return error.response
-        if isinstance(error, UnavailableErrors):
-            return responses.failed(request.comms.utime, str(error))
-        self.counters.internal_errors += 1
-        _log.error("A request could not be handled", channel=request.message.channel, exc_info=error)
-        return responses.failed(request.comms.utime, "internal error; the viewer's log says more")
+        self._delivery.send_when_stored(request.recipient, await self._executor.respond(request))
 
     def _count_undecodable(self, channel: str, error: wire.WireError) -> None:
         """Count a message to which no response is possible, and log it unless there are many."""

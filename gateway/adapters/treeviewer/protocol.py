@@ -1,19 +1,17 @@
 """Director's tree viewer protocol without I/O: read a request, apply it to the live tree, return the response.
 
-``dispatch`` calls it; tests call ``TreeViewerProtocol.handle`` directly.
+``executor`` calls it; tests call ``TreeViewerProtocol.handle`` directly.
 """
 
 from __future__ import annotations
 
 import time
 from collections.abc import Callable
-from contextvars import copy_context
-from typing import Final
 
 from gateway.adapters.treeviewer import responses
 from gateway.adapters.treeviewer.apply import PageClient, RequestApplier, update_page
 from gateway.adapters.treeviewer.config import Limits
-from gateway.adapters.treeviewer.context import MeshLoader, ReadContext, ThreadRequired
+from gateway.adapters.treeviewer.context import MeshLoader, ReadContext
 from gateway.adapters.treeviewer.quota import TreeQuota
 from gateway.adapters.treeviewer.request_reader import JsonReader, MsgpackReader, RequestReader
 from gateway.adapters.treeviewer.requests import UnreadableRequestError
@@ -21,14 +19,9 @@ from gateway.adapters.treeviewer.responses import AnyResponse
 from gateway.runtime.logs.warning_list import WarningList
 from gateway.scene.page.live_page import LivePage
 from gateway.scene.tree.live import LiveTree
-from renderers.compiler.pending import KernelsPending
-from renderers.stop import StopFlag
 from scenegate.messages import wire
 from scenegate.messages.wire import REQUEST as REQUEST
 from scenegate.messages.wire import RESPONSE as RESPONSE
-
-_NOT_WAITING: Final = StopFlag(waits=False).run(copy_context)
-"""Context of requests that the event loop reads: it does not wait for kernels that are being compiled."""
 
 
 def client_of(channel: str) -> str:
@@ -86,21 +79,6 @@ class TreeViewerProtocol:
             wire.BINARY: MsgpackReader(self.limits),
         }
         """Readers by the name of the format."""
-
-    def read_at_once(self, comms: wire.Comms) -> RequestApplier | None:
-        """Read a request on the event loop, and return the applier that executes it.
-
-        Returns:
-            None for a request with images, text, mesh files or controls, or while kernels that it needs are being
-            compiled: ``read`` must be called in a worker thread.
-
-        Raises:
-            RequestRefused: the request cannot be read.
-        """
-        try:
-            return _NOT_WAITING.run(self.read, comms, at_once=True)
-        except (ThreadRequired, KernelsPending):
-            return None
 
     def read(self, comms: wire.Comms, is_local: bool = False, *, at_once: bool = False) -> RequestApplier:
         """Read a request, and return the applier that executes it.

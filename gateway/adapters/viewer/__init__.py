@@ -15,9 +15,6 @@
 ``sensor_images``    the stereo camera's images
 ``gateway_status``   the content of the status bar
 ``recent_renders``   the last requests of the render endpoint
-``recording``        the frames of a scene over time, in one block
-``scene_file``       page and recording in one HTML file
-``share_routes``     ``/view/scene.html``
 
 ``colormaps``        depth, disparity and confidence as RGB images
 

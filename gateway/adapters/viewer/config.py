@@ -3,9 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from importlib.resources import files
+from typing import Final
 
 from gateway.scene.draw.style import Style
 from renderers.interface import LookName
+
+STATIC: Final = files("gateway.adapters.viewer") / "static"
+"""Folder with the files of the page, built from ``web``."""
 
 
 @dataclass(frozen=True, slots=True)

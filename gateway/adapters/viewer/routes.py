@@ -18,10 +18,10 @@ from fastapi.responses import PlainTextResponse
 from fastapi.websockets import WebSocketState
 
 from gateway.adapters.viewer.browser import Browser
+from gateway.adapters.viewer.config import STATIC
 from gateway.adapters.viewer.hub import ViewHub
 from gateway.adapters.viewer.messages import REPORTS, Click, ControlChange, Forgot, TimeCommand
 from gateway.adapters.viewer.resources import channel_values
-from gateway.adapters.viewer.scene_file import STATIC
 from gateway.runtime.http.access import same_origin
 from gateway.scene.tree.geometry import PointCloud
 from renderers.drawlist import ImageError

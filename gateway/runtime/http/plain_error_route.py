@@ -12,7 +12,7 @@ from starlette.requests import ClientDisconnect
 
 from gateway.runtime.http.disconnect import CLIENT_GONE
 from gateway.runtime.workers.pool_errors import DeadlineExceeded, QueueFull, UnavailableErrors
-from gateway.scene.tree.sampling import FileTooLargeError
+from gateway.scene.tree.timeline import FileTooLargeError
 from renderers.drawlist import ImageError
 
 

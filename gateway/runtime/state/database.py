@@ -29,19 +29,20 @@ without a delay."""
 _MAGIC: Final = b"SQLite format 3\0"
 _APPLICATION_ID: Final = b"SCGT"
 """Bytes 68 to 71 of the file's header (sqlite.org/fileformat2.html, 1.3)."""
-SCHEMA_VERSION: Final = 3
+SCHEMA_VERSION: Final = 4
 
 _SCHEMA: Final = (
-    # The live tree. ``path`` is JSON. ``seq`` orders siblings. ``parts``: digests of the blobs of its geometry, the
-    # first is that of the parts (part_codec.py); NULL if none was ever set. ``transform``: NULL for the identity, 56
-    # bytes for a pose, 128 for a matrix (little-endian doubles).
+    # ``path`` is JSON. ``seq`` orders siblings. ``parts``: digest of the geometry (part_codec.py), NULL if none.
+    # ``transform``: NULL for the identity, 56 bytes for a pose, 128 for a matrix (little-endian doubles).
     """CREATE TABLE tree_node (
         path TEXT PRIMARY KEY, seq INTEGER NOT NULL, parts BLOB, transform BLOB, visible INTEGER NOT NULL,
         opacity REAL NOT NULL
     ) WITHOUT ROWID""",
     "INSERT INTO tree_node VALUES ('[]', 0, NULL, NULL, 1, 1)",
-    # ``digest`` is the SHA-256 of ``data``; ``uses`` counts its occurrences in ``tree_node.parts``.
-    "CREATE TABLE tree_blob (digest BLOB PRIMARY KEY, data BLOB NOT NULL, uses INTEGER NOT NULL)",
+    # ``digest`` is the SHA-256 of ``data``. ``tree_use`` has the nodes whose geometry needs a blob.
+    "CREATE TABLE tree_blob (digest BLOB PRIMARY KEY, data BLOB NOT NULL)",
+    "CREATE TABLE tree_use (path TEXT, digest BLOB, PRIMARY KEY (path, digest)) WITHOUT ROWID",
+    "CREATE INDEX tree_use_digest ON tree_use (digest)",
     # Parameters of the stereo cameras; ``value`` is JSON.
     """CREATE TABLE stereo_parameter (
         camera TEXT NOT NULL, node TEXT NOT NULL, name TEXT NOT NULL, value TEXT NOT NULL,
@@ -71,27 +72,25 @@ class Database:
         self._log_path, self._count_path = (path.with_name(path.name + suffix) for suffix in ("-wal", "-commits"))
         self.loss = ""
         """Sentence about committed changes that could not be read; empty if there are none."""
-        with contextlib.ExitStack() as undo:
-            self._lock, lock = _lock_file(path)
-            self.is_locked = lock is Lock.HELD
-            """False if the file system has no locks, so that nothing keeps a second gateway away."""
+        with contextlib.ExitStack() as undo, _state_errors(path):
+            self._lock = os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o644)
             undo.callback(os.close, self._lock)
-            is_new = _is_new(path, self._lock)
-            with _state_errors(path):
-                confirmed = self._confirmed_commits()
-                if is_new and confirmed:  # SQLite would delete the log
-                    self._report_loss(0, confirmed)
-                self.connection = _connect(path, checkpoint_bytes, with_locks=self.is_locked)
-                undo.callback(self.connection.close)
-                _create_or_check(path, self.connection)
-                self.connection.execute("PRAGMA journal_mode = WAL")
-                (self._commits,) = self.connection.execute("SELECT number FROM commits").fetchone()
-                if not is_new and self._commits < confirmed:
-                    self._report_loss(self._commits, confirmed)
-                self._count = os.open(self._count_path, os.O_WRONLY | os.O_CREAT | os.O_CLOEXEC, 0o644)
-                undo.callback(os.close, self._count)
-                self._write_count()
-                self._files = self._current_files()
+            self.is_locked = _lock(path, self._lock)
+            """False if the file system has no locks, so that nothing keeps a second gateway away."""
+            is_new, confirmed = _is_new(path, self._lock), self._confirmed_commits()
+            if is_new and confirmed:  # SQLite would delete the log
+                self._report_loss(0, confirmed)
+            self.connection = _connect(path, checkpoint_bytes, with_locks=self.is_locked)
+            undo.callback(self.connection.close)
+            _create_or_check(path, self.connection)
+            self.connection.execute("PRAGMA journal_mode = WAL")
+            (self._commits,) = self.connection.execute("SELECT number FROM commits").fetchone()
+            if not is_new and self._commits < confirmed:
+                self._report_loss(self._commits, confirmed)
+            self._count = os.open(self._count_path, os.O_WRONLY | os.O_CREAT | os.O_CLOEXEC, 0o644)
+            undo.callback(os.close, self._count)
+            self._write_count()
+            self._files = self._current_files()
             undo.pop_all()
 
     def transact(self, write: Callable[[sqlite3.Connection], bool]) -> bool:
@@ -172,29 +171,23 @@ def _state_errors(path: Path) -> Iterator[None]:
         raise StateError(f"The state file {path} cannot be used: {reason_of(error)}.") from None
 
 
-def _lock_file(path: Path) -> tuple[int, Lock]:
-    """Return a descriptor of the file, and whether it holds the lock, which only one gateway can hold."""
-    try:
-        descriptor = os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o644)
-    except OSError as error:
-        raise StateError(f"The state file {path} cannot be opened: {error.strerror}.") from None
-    if not stat.S_ISREG(os.fstat(descriptor).st_mode):
-        os.close(descriptor)
-        raise StateError(f"The state file {path} is not a regular file.")
+def _lock(path: Path, descriptor: int) -> bool:
+    """Take the lock, which only one gateway can hold; return False if the file system has no locks."""
     deadline = time.monotonic() + LOCK_SECONDS
     while (lock := try_lock(descriptor)) is Lock.TAKEN:
         if time.monotonic() >= deadline:
-            os.close(descriptor)
             raise StateError(f"The state file {path} is in use by another gateway.")
         time.sleep(0.02)
-    return descriptor, lock
+    return lock is Lock.HELD
 
 
 def _is_new(path: Path, descriptor: int) -> bool:
-    """Return True if the file is empty.
+    """Return True if the file is empty; raise ``StateError`` if it is not ours.
 
     Runs before SQLite opens the file, because SQLite would create a log even beside the file of another program.
     """
+    if not stat.S_ISREG(os.fstat(descriptor).st_mode):
+        raise StateError(f"The state file {path} is not a regular file.")
     header = os.pread(descriptor, 72, 0)
     if header and (not header.startswith(_MAGIC) or header[68:] != _APPLICATION_ID):
         raise StateError(f"The state file {path} is not a state of Scenegate; it is unchanged.")
@@ -205,8 +198,9 @@ def _connect(path: Path, checkpoint_bytes: int, *, with_locks: bool) -> sqlite3.
     uri = path.absolute().as_uri() + ("" if with_locks else "?vfs=unix-none")  # the latter asks for no locks
     connection = sqlite3.connect(uri, uri=True, isolation_level=None, check_same_thread=False)
     (page_bytes,) = connection.execute("PRAGMA page_size").fetchone()
+    if not with_locks:  # which the write-ahead log needs otherwise
+        connection.execute("PRAGMA locking_mode = EXCLUSIVE")
     for pragma in (
-        *(() if with_locks else ("locking_mode = EXCLUSIVE",)),  # the write-ahead log needs locks otherwise
         "synchronous = NORMAL",
         f"wal_autocheckpoint = {max(1, checkpoint_bytes // page_bytes)}",
         f"journal_size_limit = {checkpoint_bytes}",  # otherwise the log never shrinks
@@ -230,7 +224,5 @@ def _create_or_check(path: Path, connection: sqlite3.Connection) -> None:
                 connection.execute(statement)
         return
     if version != SCHEMA_VERSION:
-        raise StateError(
-            f"The state file {path} has schema version {version}, this Scenegate reads {SCHEMA_VERSION}; it is "
-            "unchanged."
-        )
+        needs = f"this Scenegate reads {SCHEMA_VERSION}"
+        raise StateError(f"The state file {path} has schema version {version}, {needs}; it is unchanged.")

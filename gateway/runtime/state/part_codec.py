@@ -133,24 +133,19 @@ class PartDecoder:
             case ("identity",):
                 return IDENTITY
         if tagged not in self._decoded:
-            *_, digest = tagged
-            data = self._blob(digest)
-            if hashlib.sha256(data).digest() != digest:
+            data = self._blob(tagged[-1])
+            if hashlib.sha256(data).digest() != tagged[-1]:
                 raise ValueError("a blob does not match its digest")
-            self._decoded[tagged] = self._blob_value(tagged, data)
+            match tagged:
+                case "shared", _:
+                    unpickler = _Unpickler(io.BytesIO(data))
+                    unpickler.persistent_load = self._value  # type: ignore[method-assign]
+                    self._decoded[tagged] = unpickler.load()
+                case "image", max_pixels, _:
+                    self._decoded[tagged] = image_from_bytes(data, max_pixels=max_pixels)
+                case "array", dtype, shape, _:
+                    self._decoded[tagged] = np.ndarray(shape, dtype, data)
         return self._decoded[tagged]
-
-    def _blob_value(self, tagged: tuple[Any, ...], data: bytes) -> Any:
-        match tagged:
-            case "shared", _:
-                unpickler = _Unpickler(io.BytesIO(data))
-                unpickler.persistent_load = self._value  # type: ignore[method-assign]
-                return unpickler.load()
-            case "image", max_pixels, _:
-                return image_from_bytes(data, max_pixels=max_pixels)
-            case "array", dtype, shape, _:
-                return np.ndarray(shape, dtype, data)
-        raise ValueError(f"{tagged[:1]} is no tag")
 
 
 class _Unpickler(pickle.Unpickler):

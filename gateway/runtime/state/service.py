@@ -10,67 +10,63 @@ import asyncio
 import contextlib
 import sqlite3
 import time
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any, Final, Protocol
 
 import structlog
 
 from gateway.runtime.state.database import Database, StateError, reason_of
-from gateway.runtime.state.parameter_store import Parameters, ParameterStore
-from gateway.scene.tree.live import LiveTree
 from scenegate.lcm.transport import MIB
 
 _log = structlog.get_logger("gateway.state")
+
+MAX_WAITING_BYTES: Final = 64 * MIB
+"""Maximum bytes of responses that wait for a commit. Further requests are rejected before they change the tree."""
 
 OnStored = Callable[[str], None]
 """Callback on the event loop. Its argument is the reason why the changes could not be stored, empty if they are."""
 
 
-@dataclass(frozen=True, slots=True)
-class StateConfig:
-    """The state file and its limits."""
-
-    path: Path
-    """The SQLite file."""
-    max_waiting_bytes: int = 64 * MIB
-    """Maximum bytes of responses that wait until their requests are stored. Further requests are rejected before they
-    change the tree."""
-    idle_commit_seconds: float = 1.0
-    """Maximum seconds until an edit is stored that no client waits for."""
-    checkpoint_bytes: int = 16 * MIB
-    """Size of the write-ahead log at which a commit copies it into the database file."""
-
-
 class Store(Protocol):
-    """A state that is stored in the database. ``capture`` is called on the event loop, the others in its thread."""
+    """A part of the state. ``capture`` is called on the event loop, the others in other threads."""
+
+    def restore(self, connection: sqlite3.Connection) -> Any:
+        """Apply the stored state, and return it as ``capture`` does. Called once, before all other methods."""
 
     def capture(self) -> Any:
         """Return the current state; must be fast."""
 
-    def write(self, connection: sqlite3.Connection, captured: Any) -> bool:
-        """Write a captured state within a transaction; return False if it is already stored."""
-
-    def committed(self, captured: Any) -> None:
-        """Note that the transaction with this state succeeded."""
+    def write(self, connection: sqlite3.Connection, stored: Any, captured: Any) -> bool:
+        """Write the differences between the stored and a captured state in a transaction; return False if none."""
 
 
 class PersistentState:
     """The open state file. It is opened before all interfaces start and closed after they have stopped.
 
-    Runs on the event loop, except ``_commit``, which runs on the commit thread, and ``restore_tree``.
+    Runs on the event loop, except ``add``, and ``_commit``, which runs on the commit thread.
     """
 
-    def __init__(self, config: StateConfig) -> None:
-        """Open the file; raise ``StateError`` if it cannot be used."""
-        self._config = config
-        self.database = Database(config.path, config.checkpoint_bytes)
+    def __init__(
+        self,
+        path: Path,
+        *,
+        max_waiting_bytes: int = MAX_WAITING_BYTES,
+        idle_commit_seconds: float = 1.0,
+        checkpoint_bytes: int = 16 * MIB,
+    ) -> None:
+        """Open the file; raise ``StateError`` if it cannot be used.
+
+        Args:
+            idle_commit_seconds: Maximum seconds until an edit is stored that no client waits for.
+            checkpoint_bytes: Size of the write-ahead log at which a commit copies it into the database file.
+        """
+        self._max_waiting_bytes, self._idle_commit_seconds = max_waiting_bytes, idle_commit_seconds
+        self.database = Database(path, checkpoint_bytes)
+        self._log = _log.bind(path=str(path))
         if not self.database.is_locked:
-            _log.warning(
-                "The file system of the state file has no locks: use it in one gateway only", path=str(config.path)
-            )
+            self._log.warning("The file system of the state file has no locks: use it in one gateway only")
         if self.database.loss:
             _log.error(self.database.loss)
         self.waiting_bytes = 0
@@ -79,45 +75,28 @@ class PersistentState:
         """Reason why the last transaction failed; empty if it succeeded."""
         self.on_problem: Callable[[str], None] = lambda problem: None
         """Called on the event loop when ``problem`` changes."""
-        self._stores: list[Store] = []
+        self._stored: dict[Store, Any] = {}
+        """The state in the file, by store."""
         self._waiting: list[tuple[OnStored, int]] = []
         self._requested = asyncio.Event()
         self._thread = ThreadPoolExecutor(1, thread_name_prefix="state")
         self._task: asyncio.Task[None] | None = None
-        self._restored_nodes = self._commits = self._failed_commits = 0
+        self._commits = self._failed_commits = 0
         self._last_seconds = self._longest_seconds = 0.0
 
-    def restore_tree(self, live: LiveTree, excluded: Iterable[str] = ()) -> None:
-        """Put the stored tree into ``live``, which is empty, and store its changes from now on.
+    def add(self, store: Store) -> None:
+        """Restore a store, and include it in all further transactions. Takes up to seconds; any thread may call it.
 
-        Takes up to seconds; may be called in any thread. Children of the root in ``excluded`` are neither stored nor
-        restored. Raises ``StateError`` if the stored tree cannot be read.
+        Raises:
+            StateError: The stored state cannot be read.
         """
-        # Imported late: it loads compiled kernels.
-        from gateway.runtime.state.tree_store import TreeStore
-
-        store = TreeStore(live, excluded)
         try:
-            store.restore(self.database.connection)
+            self._stored[store] = store.restore(self.database.connection)
         except MemoryError:
             raise
         except Exception as error:
             reason = f"{type(error).__name__}: {error}"
-            raise StateError(f"The state file {self._config.path} is damaged ({reason}); it is unchanged.") from error
-        self._restored_nodes = store.restored_nodes
-        self.add(store)
-        if self._restored_nodes:
-            _log.info("tree restored", nodes=self._restored_nodes, path=str(self._config.path))
-
-    def restore_parameters(self, camera: str, nodes: Callable[[], list[str]], parameters: Parameters) -> None:
-        """Set a camera's stored parameters, and store the parameters of ``nodes()`` from now on."""
-        store = ParameterStore(camera, nodes, parameters)
-        store.restore(self.database.connection)
-        self.add(store)
-
-    def add(self, store: Store) -> None:
-        """Include this store in all further transactions."""
-        self._stores.append(store)
+            raise StateError(f"The state file {self.database.path} is damaged ({reason}); it is unchanged.") from error
 
     def start(self) -> None:
         """Start to commit on the running event loop."""
@@ -126,7 +105,7 @@ class PersistentState:
     @property
     def full(self) -> bool:
         """True while more than ``max_waiting_bytes`` wait, so that new requests should be rejected."""
-        return self.waiting_bytes > self._config.max_waiting_bytes
+        return self.waiting_bytes > self._max_waiting_bytes
 
     def call_when_stored(self, on_stored: OnStored, nbytes: int = 0) -> None:
         """Commit all changes so far, then call ``on_stored``. Callbacks run in the order of these calls.
@@ -148,7 +127,6 @@ class PersistentState:
         """Return figures for health and metrics as plain JSON values."""
         file_bytes, log_bytes = self.database.nbytes()
         return {
-            "restored_nodes": self._restored_nodes,
             "commits": self._commits,
             "failed_commits": self._failed_commits,
             "last_commit_ms": round(1e3 * self._last_seconds, 3),
@@ -162,7 +140,7 @@ class PersistentState:
         """Store the last changes and close the file."""
         if self._task is not None:
             if problem := await self.wait_until_stored():
-                _log.error("last edits could not be stored", reason=problem, path=str(self._config.path))
+                self._log.error("last edits could not be stored", reason=problem)
             self._task.cancel()
         self._thread.shutdown()
         await asyncio.to_thread(self.database.close)
@@ -171,19 +149,19 @@ class PersistentState:
         """Commit when a caller waits, and every ``idle_commit_seconds``."""
         while True:
             with contextlib.suppress(TimeoutError):
-                await asyncio.wait_for(self._requested.wait(), self._config.idle_commit_seconds)
+                await asyncio.wait_for(self._requested.wait(), self._idle_commit_seconds)
             self._requested.clear()
             waiting, self._waiting = self._waiting, []
-            captured = [(store, store.capture()) for store in self._stores]
+            captured = {store: store.capture() for store in self._stored}
             problem = await asyncio.get_running_loop().run_in_executor(self._thread, self._commit, captured)
             self._report(waiting, problem)
 
-    def _commit(self, captured: list[tuple[Store, Any]]) -> str:
+    def _commit(self, captured: dict[Store, Any]) -> str:
         """Write the captured states in one transaction; return an empty string, or the reason of a failure."""
         begin = time.perf_counter()
         try:
             self._commits += self.database.transact(
-                lambda connection: sum(store.write(connection, state) for store, state in captured) > 0
+                lambda database: sum(each.write(database, self._stored[each], captured[each]) for each in captured) > 0
             )
         except Exception as error:  # noqa: BLE001 - later transactions must still run
             self._failed_commits += 1
@@ -191,8 +169,7 @@ class PersistentState:
                 return reason_of(error)  # without a path, for clients
             _log.exception("state commit failed")
             return f"internal error: {type(error).__name__}: {error}"
-        for store, state in captured:
-            store.committed(state)
+        self._stored |= captured
         self._last_seconds = time.perf_counter() - begin
         self._longest_seconds = max(self._longest_seconds, self._last_seconds)
         return ""
@@ -201,9 +178,9 @@ class PersistentState:
         """Report the result of a transaction to the log, to ``on_problem`` and to the waiting callbacks."""
         if problem != self.problem:
             if problem:
-                _log.error("state cannot be written", reason=problem, path=str(self._config.path))
+                self._log.error("state cannot be written", reason=problem)
             else:
-                _log.info("state is written again, nothing is missing", path=str(self._config.path))
+                self._log.info("state is written again, nothing is missing")
             self.problem = problem
             self.on_problem(problem)
         for on_stored, nbytes in waiting:

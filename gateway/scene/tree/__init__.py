@@ -2,5 +2,5 @@
 
 - ``geometry``, ``materials``, ``transforms``: shapes and matrices as values.
 - ``nodes``: the persistent tree. ``live``: the live tree and its feed of changes. ``labels``: numbers of its paths.
-- ``timeline``: states over time, as an interface. ``history``: those of the live tree, with ``packed_changes``.
+- ``timeline``: states over time, as an interface; ``gateway.replay`` has the kinds of it.
 """

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import AsyncIterator
 from datetime import UTC, datetime
 from math import copysign
-from typing import Final, Protocol
+from typing import Final, NamedTuple, Protocol
 
 from gateway.scene.tree.live import Snapshot
 
@@ -12,6 +13,8 @@ FIRST_STEP_NS: Final = 1_000_000
 """Time after which the next change is first looked for. It is doubled until there is one."""
 MAX_SECONDS: Final = 1e10
 """Maximum of a time that a client names, either sign."""
+MAX_SAMPLES: Final = 200_000
+"""Default limit of the number of samples: an hour at 50 Hz."""
 TIME_DESCRIPTION: Final = (
     "Time of the scene: seconds since the epoch, or before now if negative, as far as --history-seconds goes back."
 )
@@ -33,13 +36,29 @@ class Timeline(Protocol):
 
     def simulation_seconds_at(self, time: int) -> float | None:
         """Return the time of the simulation, seconds, at a time of the timeline; None if it is not known."""
+        return None
 
     def held(self) -> Timeline:
         """Return the states of the present span, which stay as long as the result is used."""
+        return self
 
 
 class TimeError(ValueError):
     """A time has no state. The message has the time and the span."""
+
+
+class FileTooLargeError(ValueError):
+    """A file of the scene, or the number of its samples, is above the limit; the message is one sentence."""
+
+
+class Sample(NamedTuple):
+    """State of the scene at a time."""
+
+    time: int
+    """Nanoseconds since the epoch."""
+    snapshot: Snapshot
+    done: float
+    """Fraction of the samples up to this one, 0 to 1."""
 
 
 async def next_state(timeline: Timeline, snapshot: Snapshot, steps: int) -> Snapshot:
@@ -89,6 +108,36 @@ async def state_at(timeline: Timeline | None, seconds: float) -> Snapshot:
             f"the last {(last - first) / 1e9:.1f} seconds"
         )
     return await timeline.snapshot_at(time)
+
+
+async def samples(
+    timeline: Timeline, start: int, end: int, rate: float, max_samples: int = MAX_SAMPLES
+) -> AsyncIterator[Sample]:
+    """Yield the first state with a node, and each further sample with another state; if all are empty, the last one.
+
+    Args:
+        start: first time, nanoseconds since the epoch.
+        end: last time. It is the time of the last sample, so that the last state is not missed.
+        rate: samples per second.
+
+    Raises:
+        FileTooLargeError: there are more samples than the limit.
+    """
+    seconds = (end - start) / 1e9
+    count = int(seconds * rate) + 1
+    if count > max_samples:
+        raise FileTooLargeError(
+            f"{seconds:.1f} s at {rate:g} Hz are {count} samples of the scene; the limit is {max_samples}: take a "
+            "shorter time, or a lower rate"
+        )
+    last_revision, is_empty = None, True
+    for number in range(count + 1):
+        time = min(start + int(number / rate * 1e9), end) if number < count else end
+        snapshot = await timeline.snapshot_at(time)
+        is_empty = is_empty and not snapshot.root.children and snapshot.root.parts is None
+        if snapshot.revision != last_revision and (not is_empty or number == count):
+            last_revision = snapshot.revision
+            yield Sample(time, snapshot, number / count)
 
 
 def _text(time: int) -> str:

@@ -1,7 +1,5 @@
 """Fixtures: a viewer in this process."""
 
-from __future__ import annotations
-
 import pytest
 
 from gateway.adapters.drakeviewer import wire

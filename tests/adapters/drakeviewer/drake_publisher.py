@@ -6,8 +6,6 @@ The last line is a JSON object with the poses, contacts and vertices of the last
 runs at real time for that long.
 """
 
-from __future__ import annotations
-
 import json
 import sys
 from typing import Any

@@ -1,7 +1,5 @@
 """Encodes Drake's LCM messages; ``test_wire`` compares them with those of lcm-gen's classes."""
 
-from __future__ import annotations
-
 import struct
 from collections.abc import Mapping, Sequence
 from typing import Any

@@ -1,7 +1,5 @@
 """Drake's families on the page, in a real browser: hidden at first, shown and faded by their controls."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Contact forces and surfaces, as Drake's own viewer draws them (pydrake.multibody.meshcat of Drake 1.51)."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from numpy.typing import NDArray

@@ -1,7 +1,5 @@
 """Real simulations of pydrake, which publish over LCM: the tree equals what Drake itself computes."""
 
-from __future__ import annotations
-
 import asyncio
 import json
 import os

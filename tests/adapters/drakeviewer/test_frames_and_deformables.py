@@ -1,7 +1,5 @@
 """Triads of frames, and deformable bodies."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 
@@ -49,7 +47,7 @@ def test_frames_that_a_client_deleted_come_back(viewer: Viewer) -> None:
 
 def test_refused_frames_take_no_memory() -> None:
     viewer = Viewer(config=DrakeViewerConfig(nodes=4))
-    with pytest.raises(MessageError, match="the nodes of all channels would be 6, the limit is 4"):
+    with pytest.raises(MessageError, match=r"nodes .*6.* 4$"):
         viewer.handle(FRAMES, draw({(0, name): IDENTITY for name in "abc"}))
     assert not viewer.state.frames
 

@@ -1,7 +1,5 @@
 """Point clouds: fields, colours, rows, damage."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from numpy.typing import NDArray

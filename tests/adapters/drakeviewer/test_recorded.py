@@ -1,7 +1,5 @@
 """Two seconds of a simulation of Drake 1.51 with its default visualization (``SCENEGATE_CORPUS``)."""
 
-from __future__ import annotations
-
 import io
 from pathlib import Path
 

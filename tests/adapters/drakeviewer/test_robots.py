@@ -1,7 +1,5 @@
 """Load and draw messages: names, poses, families, reloads, stale messages."""
 
-from __future__ import annotations
-
 import base64
 import json
 import re

@@ -1,7 +1,5 @@
 """The service on the event loop: threads, the newest message, channels that are not shown."""
 
-from __future__ import annotations
-
 import asyncio
 import contextlib
 import threading

@@ -1,7 +1,5 @@
 """The decoders against lcm-gen's classes, Drake's own classes, damage and limits."""
 
-from __future__ import annotations
-
 import importlib
 import json
 import os

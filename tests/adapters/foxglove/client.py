@@ -3,8 +3,6 @@
 https://github.com/foxglove/ws-protocol/blob/main/docs/spec.md
 """
 
-from __future__ import annotations
-
 import json
 import struct
 from base64 import b64decode

@@ -1,7 +1,5 @@
 """The layout file for the Foxglove app."""
 
-from __future__ import annotations
-
 import json
 
 import pytest

@@ -1,7 +1,5 @@
 """Foxglove's WebSocket with an independent client of its protocol."""
 
-from __future__ import annotations
-
 import asyncio
 import socket
 from collections.abc import AsyncIterator

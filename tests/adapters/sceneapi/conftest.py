@@ -1,7 +1,5 @@
 """An application with the scene's routes only, and a renderer that records its calls."""
 
-from __future__ import annotations
-
 from collections.abc import AsyncIterator
 from dataclasses import dataclass, field
 

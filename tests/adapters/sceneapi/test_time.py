@@ -1,7 +1,5 @@
 """``time`` of ``GET /scene``, ``/scene.glb`` and ``/scene/render``."""
 
-from __future__ import annotations
-
 import asyncio
 from collections.abc import AsyncIterator
 from typing import Any
@@ -16,12 +14,12 @@ from gateway.adapters.sceneapi.config import SceneApiConfig
 from gateway.adapters.sceneapi.routes import router
 from gateway.adapters.sceneapi.service import SceneApi
 from gateway.files.gltf import read_gltf
+from gateway.replay.history import TreeHistory
 from gateway.runtime.http.error_handlers import invalid_parameters
 from gateway.runtime.workers.worker_pool import WorkerPool
 from gateway.scene.draw.flatten import flatten
 from gateway.scene.draw.live_scene import LiveScene
 from gateway.scene.tree.geometry import Part
-from gateway.scene.tree.history import TreeHistory
 from gateway.scene.tree.live import LiveTree, Snapshot
 from renderers.camera import Camera
 from renderers.drawlist import Material

@@ -1,7 +1,5 @@
 """Fixtures: a viewer in this process, and an unused LCM network."""
 
-from __future__ import annotations
-
 import pytest
 
 from tests.adapters.treeviewer.conversation import Viewer

@@ -1,7 +1,5 @@
 """Helpers that send requests to the protocol without a transport."""
 
-from __future__ import annotations
-
 import json
 from typing import Any
 

@@ -3,8 +3,6 @@
 ``bad.log`` and ``cpp_wrapper.log`` by number of the event; ``fuzz.log`` differs in one rule (see ``test_replay``).
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Any, Final
 

@@ -12,8 +12,6 @@ with responses still outstanding; here it waits for them. liblcm keeps 30 messag
 drops the others; here it keeps all.
 """
 
-from __future__ import annotations
-
 import argparse
 import contextlib
 import os

@@ -10,8 +10,6 @@ Prints one line of JSON: for each round, whether the commands were lost, and the
 sent until the queue was empty.
 """
 
-from __future__ import annotations
-
 import json
 import sys
 import threading

@@ -1,7 +1,5 @@
 """Load the mesh files that the recordings name from the corpus."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 from gateway.files.assets.mesh_files import MeshFiles

@@ -1,7 +1,5 @@
 """Recorded requests of real clients, and the responses of Director's own viewer (see the corpus' README)."""
 
-from __future__ import annotations
-
 import json
 import struct
 from collections.abc import Iterator

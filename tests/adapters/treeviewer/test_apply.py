@@ -1,7 +1,5 @@
 """Execution of requests on the tree, and the limits of the tree."""
 
-from __future__ import annotations
-
 import gc
 from typing import Any
 

@@ -1,7 +1,5 @@
 """The commands that Director does not have, in both formats."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import msgspec

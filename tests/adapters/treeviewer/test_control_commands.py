@@ -1,7 +1,5 @@
 """``setcontrols`` and ``setvalues``, in both formats."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Director's own client and tests, from the checkout ``SCENEGATE_DIRECTOR`` (docs/tree-viewer-compatibility.md)."""
 
-from __future__ import annotations
-
 import asyncio
 import os
 from pathlib import Path

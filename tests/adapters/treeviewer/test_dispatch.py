@@ -1,7 +1,5 @@
 """The dispatcher of requests without a transport: order, sizes, errors, storage, delayed responses."""
 
-from __future__ import annotations
-
 import asyncio
 import json
 from collections.abc import AsyncIterator, Callable
@@ -111,14 +109,7 @@ CLOUD = message(
 """A small request whose array is read by a kernel."""
 
 
-async def test_requests_that_need_no_kernels_are_read_at_once_while_kernels_are_compiled() -> None:
-    world = World()
-    with pending.announced({"formats": lambda name: True}):
-        assert world.receive(ONE_BOX) == 0
-    assert (world.statuses, world.pool.calls) == ([0], 0)
-
-
-async def test_requests_that_need_kernels_are_read_in_a_thread_until_they_are_compiled(
+async def test_requests_are_read_in_a_thread_until_all_kernels_are_compiled(
     world: World, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     run = world.pool.run
@@ -258,14 +249,14 @@ async def test_messages_of_other_types_are_not_answered_when_full() -> None:
     assert (world.dispatcher.counters.undecodable, world.published) == (1, [])
 
 
-@pytest.mark.parametrize(("offload_bytes", "step"), [(1 << 20, "read_at_once"), (0, "read")])
-async def test_unexpected_errors_are_answered(offload_bytes: int, step: str, monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize("offload_bytes", [1 << 20, 0])
+async def test_unexpected_errors_are_answered(offload_bytes: int, monkeypatch: pytest.MonkeyPatch) -> None:
     world = World(offload_bytes=offload_bytes)
 
-    def fail(*_: Any) -> Any:
+    def fail(*_: Any, **__: Any) -> Any:
         raise RuntimeError("bug")
 
-    monkeypatch.setattr(world.viewer.protocol, step, fail)
+    monkeypatch.setattr(world.viewer.protocol, "read", fail)
     world.receive(ONE_BOX)
     await until(lambda: world.published)
     ((_, body),) = world.published

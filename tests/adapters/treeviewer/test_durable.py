@@ -1,7 +1,5 @@
 """Responses wait until the tree is stored, keep their order, and report a failed store."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import pytest

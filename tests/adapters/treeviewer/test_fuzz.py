@@ -1,7 +1,5 @@
 """Mutated requests: no crash, no leak, and valid requests in between are served."""
 
-from __future__ import annotations
-
 import asyncio
 import gc
 import random

@@ -1,7 +1,5 @@
 """All geometry types of the protocol with their fields, defaults, limits and oddities."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

@@ -1,7 +1,5 @@
 """What Scenegate adds: meshes with colours or an image, planes, heightmaps, text, frustums, sizes in pixels."""
 
-from __future__ import annotations
-
 import base64
 import io
 from typing import Any

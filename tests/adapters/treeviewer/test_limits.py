@@ -1,7 +1,5 @@
 """Every limit of a request at exactly its value, and one beyond it."""
 
-from __future__ import annotations
-
 import json
 from typing import Any
 

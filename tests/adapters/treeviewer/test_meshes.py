@@ -1,7 +1,5 @@
 """Meshes that clients send, their normals, and meshes in files."""
 
-from __future__ import annotations
-
 import base64
 import io
 import json

@@ -1,7 +1,5 @@
 """Responses with status 1 are delayed for the race in Director's Python client (see ``director_client``)."""
 
-from __future__ import annotations
-
 import asyncio
 import json
 import sys

@@ -1,7 +1,5 @@
 """Requests in MessagePack: the same commands as in JSON give the same tree and responses; long arrays are bytes."""
 
-from __future__ import annotations
-
 import random
 import struct
 from typing import Any

@@ -1,7 +1,5 @@
 """``null`` in number arrays, which JSON.jl and nlohmann/json write for NaN, and nil in MessagePack: read as NaN."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import msgspec

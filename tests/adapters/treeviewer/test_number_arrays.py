@@ -1,7 +1,5 @@
 """Long number arrays taken out of the JSON text give the numbers that Python's json gives."""
 
-from __future__ import annotations
-
 import json
 from typing import Any
 

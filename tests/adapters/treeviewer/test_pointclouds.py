@@ -1,7 +1,5 @@
 """Point clouds with their channels, and planar lidars."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Recorded requests of real clients without a transport: responses and scenes must equal Director's."""
 
-from __future__ import annotations
-
 import json
 from typing import Any
 

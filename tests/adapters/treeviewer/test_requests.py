@@ -1,7 +1,5 @@
 """Reading of requests: tolerance, reasons, limits."""
 
-from __future__ import annotations
-
 import json
 import math
 from typing import Any

@@ -1,7 +1,5 @@
 """The service with real LCM: UDP multicast and liblcm's own TCPQ client."""
 
-from __future__ import annotations
-
 import pytest
 
 from gateway.adapters.treeviewer.config import TreeViewerConfig

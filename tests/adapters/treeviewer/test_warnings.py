@@ -1,7 +1,5 @@
 """Warnings about paths, which the page shows until the path is set without one or is deleted; ``--strict``."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import pytest

@@ -1,5 +1,3 @@
-from __future__ import annotations
-
 import importlib
 import subprocess
 import sys
@@ -65,7 +63,7 @@ def test_reports_a_wrong_length(count: int, fault: str) -> None:
 
 
 def test_rejects_a_wrong_fingerprint() -> None:
-    with pytest.raises(wire.WireError, match="0000000000000000 is not viewer2_comms_t's d368e03f33c568be"):
+    with pytest.raises(wire.WireError, match=r"0000000000000000 .*d368e03f33c568be"):
         wire.decode(bytes(8) + wire.encode(b"{}")[8:])
 
 

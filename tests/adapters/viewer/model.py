@@ -1,7 +1,5 @@
 """A Python model of the page's scene, updated by frames as the page is."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 from typing import Any
 

@@ -1,7 +1,5 @@
 """The page in a browser, and a publisher that uses LCM's own library."""
 
-from __future__ import annotations
-
 import io
 import json
 import struct

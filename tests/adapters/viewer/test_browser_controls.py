@@ -1,7 +1,5 @@
 """Controls of programs in a real browser: a client adds them, a visitor uses them by pointer, keyboard and touch."""
 
-from __future__ import annotations
-
 import math
 import subprocess
 import sys

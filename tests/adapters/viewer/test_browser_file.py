@@ -1,7 +1,5 @@
 """The page with a scene in one file, opened from a disk without a network, beside the live page."""
 
-from __future__ import annotations
-
 import html
 import io
 from collections.abc import Iterator
@@ -15,7 +13,7 @@ from PIL import Image
 from tests.adapters.viewer.page import Publisher, View
 from tests.adapters.viewer.recordings import frames_of
 from tests.adapters.viewer.test_browser import GREEN, RED, SQUARE, UPRIGHT, png
-from tests.adapters.viewer.test_scene_file import recording_of
+from tests.replay.test_page_file import recording_of
 from tests.support import clients
 from tests.support.browser import chromium, wait_in_page
 from tests.support.gateway_process import GatewayProcess, gateway_process

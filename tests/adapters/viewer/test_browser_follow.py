@@ -1,7 +1,5 @@
 """The camera that follows a node, and poses in a chosen frame, in a real browser."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from typing import Any
 

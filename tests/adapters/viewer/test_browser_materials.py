@@ -1,7 +1,5 @@
 """Materials and light, drawn by the page in a real browser and by ``/scene/render``."""
 
-from __future__ import annotations
-
 import io
 from pathlib import Path
 from typing import Any

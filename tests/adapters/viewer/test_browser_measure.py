@@ -1,7 +1,5 @@
 """Distances, clicked points, axes and names of nodes, the axes to look along, and point sizes, in a real browser."""
 
-from __future__ import annotations
-
 import io
 from collections.abc import Iterator
 from typing import Any

@@ -1,7 +1,5 @@
 """What clients set for the page, in a real browser: clicks, background, grid, home camera, hidden and faded nodes."""
 
-from __future__ import annotations
-
 import json
 import queue
 import struct

@@ -1,7 +1,5 @@
 """The pages below a path prefix and in a notebook's frame, in a real browser."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from threading import Thread

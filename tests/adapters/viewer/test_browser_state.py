@@ -1,7 +1,5 @@
 """States of a browser's connection, and what each of them may be sent."""
 
-from __future__ import annotations
-
 from gateway.adapters.viewer.browser import Browser, BrowserState
 from gateway.adapters.viewer.encoder import Encoder
 from gateway.adapters.viewer.resources import Resources

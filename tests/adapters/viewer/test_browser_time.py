@@ -1,7 +1,5 @@
 """The time bar, in a real browser: a page that rests while the scene moves, and its address."""
 
-from __future__ import annotations
-
 import re
 import time
 from collections.abc import Iterator

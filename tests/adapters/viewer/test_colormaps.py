@@ -1,7 +1,5 @@
 """The pixels of colored and shrunk images."""
 
-from __future__ import annotations
-
 import io
 
 import cv2

@@ -1,7 +1,5 @@
 """Updates: after any edits and any skipped revisions the page has the newest tree."""
 
-from __future__ import annotations
-
 import asyncio
 import gc
 from typing import Any

@@ -1,7 +1,5 @@
 """The binary layout of the frames that the page receives."""
 
-from __future__ import annotations
-
 import struct
 
 import numpy as np

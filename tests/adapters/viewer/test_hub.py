@@ -1,7 +1,5 @@
 """Acknowledgements, status frames and limits."""
 
-from __future__ import annotations
-
 import asyncio
 import gc
 import threading

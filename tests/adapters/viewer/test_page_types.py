@@ -1,7 +1,5 @@
 """The page's types are written from the structs of messages."""
 
-from __future__ import annotations
-
 from typing import Annotated, Any, Literal
 
 import msgspec

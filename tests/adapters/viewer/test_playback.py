@@ -13,8 +13,8 @@ from gateway.adapters.viewer.browser import Browser, BrowserState
 from gateway.adapters.viewer.hub import ViewHub
 from gateway.adapters.viewer.messages import TimeCommand
 from gateway.adapters.viewer.sources import StereoRig
+from gateway.replay.history import TreeHistory
 from gateway.scene.tree.geometry import Part
-from gateway.scene.tree.history import TreeHistory
 from gateway.scene.tree.live import LiveTree, Snapshot
 from gateway.scene.tree.nodes import Node, TreeEdit
 from renderers.drawlist import Material

@@ -1,7 +1,5 @@
 """The view's WebSocket: updates and acknowledgements, origins, limits on messages and browsers."""
 
-from __future__ import annotations
-
 import asyncio
 import json
 from collections.abc import AsyncIterator

@@ -1,7 +1,5 @@
 """Files that are written from trees of the server and from image sets."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from contextlib import closing
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Independent readers of MCAP files: descriptors in the file for Foxglove's schemas, rosbags for ROS 2."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Images, intrinsics, disparity, depth and points of image sets: values that independent readers have in files."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

@@ -1,7 +1,5 @@
 """The scene of a file, by independent readers, is the tree."""
 
-from __future__ import annotations
-
 import asyncio
 import tempfile
 from collections.abc import Callable

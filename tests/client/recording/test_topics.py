@@ -1,7 +1,5 @@
 """Topics of point clouds: each frame has one of its own, which ROS 2 accepts."""
 
-from __future__ import annotations
-
 import re
 
 import pytest

@@ -1,7 +1,5 @@
 """Frames of the view: what is no frame, or an invalid one, is refused with a sentence."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Reads a BOP scene as the format's description tells, without our code, and renders it again."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import dataclass
 from pathlib import Path

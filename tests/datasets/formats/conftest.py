@@ -1,7 +1,5 @@
 """The analytic dataset, and its copies in all formats."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

@@ -1,7 +1,5 @@
 """Silhouettes of triangle meshes by casting a ray through each pixel (Möller and Trumbore, 1997), with NumPy alone."""
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import NDArray
 

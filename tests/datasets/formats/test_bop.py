@@ -1,7 +1,5 @@
 """BOP: what is written, by a reader of its own, and rendered again from its annotations."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 
@@ -136,5 +134,5 @@ def test_a_model_outside_of_the_dataset_is_not_read(tmp_path: Path) -> None:
     for path in folder.rglob("scene.json"):
         path.write_text(path.read_text().replace("models/block.ply", "../block.ply"))
     (tmp_path / "block.ply").write_bytes((folder / "models" / "block.ply").read_bytes())
-    with pytest.raises(RecordError, match=r"'\.\./block\.ply' lies outside of the dataset"):
+    with pytest.raises(RecordError, match=r"'\.\./block\.ply' .*outside"):
         export(Dataset(folder), tmp_path / "bop", "bop")

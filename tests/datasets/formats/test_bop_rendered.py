@@ -1,7 +1,5 @@
 """A glTF file, rendered, written as BOP and rendered again from its annotations by a ray caster."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

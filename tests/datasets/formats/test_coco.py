@@ -1,7 +1,5 @@
 """COCO, read by pycocotools."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -1,7 +1,5 @@
 """What all formats have in common: determinism, errors, and a folder that is complete or missing."""
 
-from __future__ import annotations
-
 import sys
 from collections.abc import Callable
 from pathlib import Path
@@ -34,7 +32,7 @@ def test_two_exports_have_the_same_bytes(analytic: Dataset, tmp_path: Path, name
 def test_a_folder_with_files_is_left_alone(analytic: Dataset, tmp_path: Path) -> None:
     (tmp_path / "dest").mkdir()
     (tmp_path / "dest" / "mine").write_text("x")
-    with pytest.raises(ExportError, match="dest is there and not empty; name another folder"):
+    with pytest.raises(ExportError, match=r"dest .*not empty"):
         export(analytic, tmp_path / "dest", "bop")
     assert contents(tmp_path / "dest") == {"mine": b"x"}
 
@@ -104,7 +102,7 @@ def test_links_and_folders_of_the_dataset_are_refused(tmp_path: Path) -> None:
     with pytest.raises(ExportError, match="bop is a symbolic link"):
         export(dataset, tmp_path / "out" / "bop", "bop", replace=True)
     for folder in ("models/x", "scenes/pile/x", "bop2", "coco"):
-        with pytest.raises(ExportError, match=r"is in the dataset, where only .*/out/bop can be"):
+        with pytest.raises(ExportError, match=r"where only .*/out/bop can be"):
             export(dataset, tmp_path / "out" / folder, "bop")
     assert list((tmp_path / "mine").iterdir()) == []
 
@@ -119,16 +117,14 @@ def test_a_failure_leaves_nothing(tmp_path: Path) -> None:
 
 def test_types_of_images_that_a_format_needs(scenes: Path, tmp_path: Path, draw: Draw) -> None:
     draw(job_of(scenes / "deep", tmp_path / "out"))
-    with pytest.raises(
-        ExportError, match=r"bop needs instance, amodal images: render with --type color,depth,label,instance,amodal"
-    ):
+    with pytest.raises(ExportError, match=r"bop .*--type color,depth,label,instance,amodal"):
         export(Dataset(tmp_path / "out"), tmp_path / "dest", "bop")
 
 
 def test_a_missing_package_is_named(analytic: Dataset, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "h5py", None)
     monkeypatch.delitem(sys.modules, "scenegate.datasets.formats.hdf5_format", raising=False)
-    with pytest.raises(ImportError, match=r"format hdf5 needs pip install 'scenegate-client\[formats\]'"):
+    with pytest.raises(ImportError, match=r"hdf5 .*'scenegate-client\[formats\]'"):
         export(analytic, tmp_path / "dest", "hdf5")
 
 
@@ -136,7 +132,7 @@ def test_an_image_outside_of_the_dataset_is_not_read(tmp_path: Path) -> None:
     folder = write_dataset(tmp_path / "out")
     path = folder / "manifest.jsonl"
     path.write_text(path.read_text().replace("scenes/pile/view-0.color.png", "../secret.png"))
-    with pytest.raises(RecordError, match=r"the color image '\.\./secret\.png' lies outside of the dataset"):
+    with pytest.raises(RecordError, match=r"'\.\./secret\.png' .*outside"):
         export(Dataset(folder), tmp_path / "dest", "coco")
 
 
@@ -145,7 +141,7 @@ def test_nothing_behind_links_is_exported(tmp_path: Path, path: str) -> None:
     folder = write_dataset(tmp_path / "out")
     (folder / path).rename(tmp_path / "secret")
     (folder / path).symlink_to(tmp_path / "secret")
-    with pytest.raises(RecordError, match="lies outside of the dataset, by a symbolic link"):
+    with pytest.raises(RecordError, match=r"outside .*symbolic link"):
         export(Dataset(folder), tmp_path / "dest", "bop")
     assert any("outside" in problem or "missing" in problem for problem in check_dataset(folder, 1).problems)
 

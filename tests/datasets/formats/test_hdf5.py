@@ -1,7 +1,5 @@
 """HDF5, read by h5py."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

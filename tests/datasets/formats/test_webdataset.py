@@ -1,7 +1,5 @@
 """WebDataset, read by its own package."""
 
-from __future__ import annotations
-
 import gzip
 import io
 import tarfile

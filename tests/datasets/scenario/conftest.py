@@ -1,7 +1,5 @@
 """Scenarios with the models of the examples."""
 
-from __future__ import annotations
-
 import shutil
 from collections.abc import Callable
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Moving scenes: tracks of joints and poses, animations of glTF files, and cameras on paths."""
 
-from __future__ import annotations
-
 import json
 import math
 from pathlib import Path
@@ -120,7 +118,7 @@ def test_an_animation_of_a_gltf_file(write: Write, interpolation: str, x: float,
 def test_an_animation_that_does_not_exist(write: Write) -> None:
     path = write(FRAMES + "models = [{path = 'a.gltf', animation = 'run', position = [0, 0, 0]}]")
     animated(path.parent / "a.gltf")
-    with pytest.raises(ValueError, match=r"a\.gltf: animations: there is no 'run'; there are: go"):
+    with pytest.raises(ValueError, match=r"a\.gltf: .*'run'.* go"):
         load(path)
 
 
@@ -147,7 +145,7 @@ def test_errors_of_tracks_name_the_line(tmp_path: Path, text: str, message: str)
 def test_errors_of_tracks_of_poses(tmp_path: Path) -> None:
     path = tmp_path / "track.csv"
     path.write_text("time,x,y,z\n0,0,0,0\n")
-    with pytest.raises(ScenarioError, match="line 1: the columns are not time,x,y,z,qw,qx,qy,qz"):
+    with pytest.raises(ScenarioError, match=r"line 1: .*time,x,y,z,qw,qx,qy,qz"):
         read_track(path, poses=True)
     for values, message in (
         ("0,0,0,0,0,0,0", "the length of a quaternion must be from 0.001 to 1000, not 0"),

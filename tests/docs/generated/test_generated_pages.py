@@ -1,7 +1,5 @@
 """The generated pages in docs/ are those of the source, and their parts say what they should."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """The generated page of limits: numbers, escapes, and which texts belong to which names."""
 
-from __future__ import annotations
-
 import ast
 
 import pytest

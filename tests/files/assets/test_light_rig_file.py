@@ -1,7 +1,5 @@
 """Rig files: values, defaults, limits and errors."""
 
-from __future__ import annotations
-
 import math
 from pathlib import Path
 
@@ -123,7 +121,7 @@ def test_an_environment_map_is_a_rig(tmp_path: Path) -> None:
     path.write_bytes(sky[:-1] + b"\x80")
     assert rig_digest(path) != digest
     path.write_bytes(b"P6")
-    with pytest.raises(RigFileError, match=r"Sky.HDR: the surroundings are no Radiance image"):
+    with pytest.raises(RigFileError, match=r"Sky.HDR: .*Radiance"):
         read_rig(path)
 
 

@@ -1,7 +1,5 @@
 """Scene files that the operator names: up axis, files beside them, what is refused."""
 
-from __future__ import annotations
-
 import base64
 import hashlib
 import json
@@ -79,7 +77,7 @@ def test_errors_name_the_file(tmp_path: Path) -> None:
     with pytest.raises(SceneFileError, match=r"broken\.gltf: "):
         read_scene_file(broken)
     missing = written(tmp_path, buffers=[{"byteLength": 36, "uri": "gone.bin"}])
-    with pytest.raises(SceneFileError, match=r"gone\.bin cannot be read: No such file or directory"):
+    with pytest.raises(SceneFileError, match=r"gone\.bin .*No such file"):
         read_scene_file(missing)
 
 

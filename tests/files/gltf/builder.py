@@ -1,7 +1,5 @@
 """Builds small glTF documents for the tests."""
 
-from __future__ import annotations
-
 import base64
 import json
 import struct

@@ -6,8 +6,6 @@ drawn with a warning. Of the negative ones, those without positions are refused;
 are drawn as graphics libraries do it.
 """
 
-from __future__ import annotations
-
 import json
 import os
 from pathlib import Path

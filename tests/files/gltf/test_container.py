@@ -1,5 +1,3 @@
-from __future__ import annotations
-
 import base64
 import json
 import struct
@@ -255,9 +253,7 @@ def test_relative_uris_need_a_resolver() -> None:
     text = json.dumps(document("my%20mesh.bin")).encode()
     assert positions(text, resolve=resolve) == TRIANGLE.tobytes()
     assert asked == ["my mesh.bin"]
-    with pytest.raises(
-        GltfError, match=r"buffers\[0\]\.uri: 'my%20mesh.bin' is a file that was not posted: post a .glb"
-    ):
+    with pytest.raises(GltfError, match=r"buffers\[0\]\.uri: 'my%20mesh.bin' "):
         read_gltf(text)
 
 
@@ -278,7 +274,7 @@ def test_other_uris_never_reach_the_resolver(uri: str) -> None:
     def resolve(uri: str) -> bytes:
         raise AssertionError(uri)
 
-    with pytest.raises(GltfError, match=r"buffers\[0\]\.uri: only data URIs and relative URIs are read"):
+    with pytest.raises(GltfError, match=r"buffers\[0\]\.uri: .*data URIs"):
         read_gltf(json.dumps(document(uri)).encode(), resolve=resolve)
 
 
@@ -294,7 +290,7 @@ def test_failures_of_the_resolver_name_the_file(tmp_path: Path) -> None:
 def test_buffers_are_limited_before_decoding() -> None:
     text = json.dumps(document(data_uri(LONG), len(LONG))).encode()
     assert positions(text, limits=GltfLimits(max_buffer_bytes=4000)) == LONG
-    with pytest.raises(GltfError, match=r"buffers\[0\]\.uri: the buffers exceed max_buffer_bytes = 3000"):
+    with pytest.raises(GltfError, match=r"buffers\[0\]\.uri: .*max_buffer_bytes = 3000"):
         read_gltf(text, limits=GltfLimits(max_buffer_bytes=3000))
     with pytest.raises(GltfError, match="the binary chunk: the buffers exceed"):
         read_gltf(glb(document(None, len(LONG)), LONG), limits=GltfLimits(max_buffer_bytes=3000))
@@ -350,7 +346,7 @@ def test_only_buffer_0_is_the_binary_chunk() -> None:
     source = document(None)
     source["buffers"].insert(0, {"byteLength": 36})
     source["bufferViews"][0]["buffer"] = 1
-    with pytest.raises(GltfError, match=r"buffers\[1\]: there is neither a uri nor a binary chunk"):
+    with pytest.raises(GltfError, match=r"buffers\[1\]: .*uri .*binary chunk"):
         read_gltf(glb(source, TRIANGLE.tobytes()))
 
 

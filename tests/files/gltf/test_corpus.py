@@ -1,7 +1,5 @@
 """The recorded requests of Drake's client, and trimesh as an independent reader of the same geometry."""
 
-from __future__ import annotations
-
 import io
 import json
 from dataclasses import fields

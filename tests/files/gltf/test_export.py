@@ -1,5 +1,3 @@
-from __future__ import annotations
-
 import io
 import json
 import math
@@ -19,7 +17,7 @@ from gateway.scene.draw.flatten import flatten
 from gateway.scene.tree import transforms as tf
 from gateway.scene.tree.geometry import Line, Part, PointCloud, Surface
 from gateway.scene.tree.nodes import Node, TreeEdit
-from gateway.scene.tree.sampling import FileTooLargeError
+from gateway.scene.tree.timeline import FileTooLargeError
 from renderers.camera import Camera
 from renderers.drawlist import (
     AlphaMode,

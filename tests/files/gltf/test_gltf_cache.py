@@ -1,7 +1,5 @@
 """Meshes and images that documents share through a cache."""
 
-from __future__ import annotations
-
 import threading
 
 import cv2

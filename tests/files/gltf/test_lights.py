@@ -1,7 +1,5 @@
 """KHR_lights_punctual."""
 
-from __future__ import annotations
-
 import json
 import math
 from pathlib import Path

@@ -1,7 +1,5 @@
 """A document exactly at a limit is read; one beyond it is refused with the limit's name."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Callable
 from typing import Any

@@ -1,5 +1,3 @@
-from __future__ import annotations
-
 import itertools
 import math
 import re
@@ -406,7 +404,7 @@ def test_pixels_are_limited_by_the_headers() -> None:
     material = {"normalTexture": {"index": 0}, "occlusionTexture": {"index": 1}, "emissiveTexture": {"index": 2}}
     b.node(mesh=b.triangle(material=b.add("materials", material)))
     b.read(limits=GltfLimits(max_image_pixels=100, max_total_image_pixels=300))
-    with pytest.raises(GltfError, match=r"images\[0\]: 100 pixels are more than max_image_pixels = 99"):
+    with pytest.raises(GltfError, match=r"images\[0\]: 100 .*max_image_pixels = 99"):
         b.read(limits=GltfLimits(max_image_pixels=99))
     with pytest.raises(GltfError, match=r"images\[2\]: .* max_total_image_pixels = 299"):
         b.read(limits=GltfLimits(max_total_image_pixels=299))

@@ -1,7 +1,5 @@
 """Skins, morph targets and instances: the nodes of a document pose its meshes."""
 
-from __future__ import annotations
-
 import re
 import tracemalloc
 from typing import Any
@@ -211,7 +209,7 @@ def test_more_joints_than_supported() -> None:
         attributes |= {f"JOINTS_{n}": attributes["JOINTS_0"], f"WEIGHTS_{n}": attributes["WEIGHTS_0"]}
     assert b.read().warnings == ()
     attributes |= {"JOINTS_4": attributes["JOINTS_0"], "WEIGHTS_4": attributes["WEIGHTS_0"]}
-    with pytest.raises(GltfError, match=r"attributes\.JOINTS_4: more than 16 joints per vertex are not supported"):
+    with pytest.raises(GltfError, match=r"JOINTS_4: .* 16 "):
         b.read()
 
 
@@ -433,14 +431,14 @@ def test_instances_are_nodes() -> None:
     b = Builder()
     b = instanced({"TRANSLATION": b.accessor(np.zeros((4, 3)))}, b)
     assert b.read(limits=GltfLimits(max_nodes=5)).instance_count == 4
-    with pytest.raises(GltfError, match=r"nodes\[0\]: the scene has more nodes than max_nodes = 4"):
+    with pytest.raises(GltfError, match=r"nodes\[0\]: .*max_nodes = 4"):
         b.read(limits=GltfLimits(max_nodes=4))
 
 
 def test_the_number_of_instances_is_checked_before_they_are_read() -> None:
     b = Builder()
     b = instanced({"SCALE": b.add("accessors", {"componentType": 5126, "count": 60_000_000, "type": "VEC3"})}, b)
-    with pytest.raises(GltfError, match="EXT_mesh_gpu_instancing: 60000000 instances are more than max_nodes = 100000"):
+    with pytest.raises(GltfError, match=r"instancing: 60000000 .*max_nodes = 100000"):
         b.read()
 
 

@@ -1,8 +1,6 @@
 """KHR_meshopt_compression and EXT_meshopt_compression: streams recorded from meshoptimizer's encoder, of both versions
 of the attributes; files written by glTF-Transform."""
 
-from __future__ import annotations
-
 import base64
 import json
 import re
@@ -160,7 +158,7 @@ def test_files_equal_those_without_compression(name: str) -> None:
 
 
 def test_the_limit_counts_decompressed_bytes() -> None:
-    with pytest.raises(GltfError, match=r"bufferViews\[\d\]\.extensions\.EXT_meshopt_compression: the buffers exceed"):
+    with pytest.raises(GltfError, match=r"bufferViews\[\d\]\..*buffers exceed"):
         read_file("rigid_meshopt_floats", limits=GltfLimits(max_buffer_bytes=7000))
 
 
@@ -207,7 +205,7 @@ def test_errors_name_the_buffer_view(changes: dict[str, Any], message: str) -> N
 def test_drakes_merge_loses_the_compressed_buffer() -> None:
     b = compressed_triangle()
     b.json["asset"]["generator"] = "Drake glTF merger"
-    with pytest.raises(GltfError, match=r"buffers\[1\]: there is neither a uri nor a binary chunk"):
+    with pytest.raises(GltfError, match=r"buffers\[1\]: .*uri .*binary chunk"):
         b.read()
     b.json["buffers"][1]["uri"] = "data:;base64," + base64.b64encode(bytes(36)).decode()
     assert (meshes(b.read())[0].positions == 0).all()

@@ -1,5 +1,3 @@
-from __future__ import annotations
-
 import gc
 import json
 import weakref
@@ -114,7 +112,7 @@ def test_almost_empty_documents(document: bytes, cameras: int) -> None:
 
 
 def test_a_mesh_that_does_not_exist_is_an_error_where_there_is_no_other() -> None:
-    with pytest.raises(GltfError, match=r"nodes\[0\]\.mesh: 0 is out of range \(0 meshes\)"):
+    with pytest.raises(GltfError, match=r"nodes\[0\]\.mesh: 0 .*\(0 "):
         read_gltf(b'{"nodes": [{"mesh": 0}]}')
 
 

@@ -1,7 +1,5 @@
 """Documents with members in any order or twice: a cached document never changes another one."""
 
-from __future__ import annotations
-
 import base64
 import json
 from typing import Any

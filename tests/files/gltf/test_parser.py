@@ -1,7 +1,5 @@
 """The first documents of a process, read by several threads at once."""
 
-from __future__ import annotations
-
 import subprocess
 import sys
 from pathlib import Path

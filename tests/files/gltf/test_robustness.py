@@ -1,7 +1,5 @@
 """Random damage to documents: the reader returns a scene or raises a ``GltfError``, within its limits."""
 
-from __future__ import annotations
-
 import copy
 import json
 import re

@@ -1,8 +1,6 @@
 """Every model of KhronosGroup/glTF-Sample-Assets in the checkout that SCENEGATE_FIDELITY names (``bench/fidelity.py``):
 it is drawn, or refused for one of the listed reasons."""
 
-from __future__ import annotations
-
 import os
 import re
 from dataclasses import replace

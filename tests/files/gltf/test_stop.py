@@ -1,7 +1,5 @@
 """A set stop flag ends reading at any step, and leaves no partial results in a cache."""
 
-from __future__ import annotations
-
 import base64
 import json
 import threading

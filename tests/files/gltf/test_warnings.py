@@ -1,7 +1,5 @@
 """Warnings of the reader, with and without a cache."""
 
-from __future__ import annotations
-
 import base64
 import json
 from typing import Any

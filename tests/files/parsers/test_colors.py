@@ -1,7 +1,5 @@
 """Colours of vertices, points and faces in PLY and OBJ files, in the forms that programs and devices write."""
 
-from __future__ import annotations
-
 import struct
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Hostile mesh files: limits hold before anything unfolds. They are read in this process, whose memory is measured."""
 
-from __future__ import annotations
-
 import dataclasses
 import struct
 import threading
@@ -407,7 +405,7 @@ def parse(data: str | bytes, extension: str = "dae", **limits: Any) -> int:
 
 
 def test_the_child_process_says_what_it_exceeds() -> None:
-    with pytest.raises(MeshFormatError, match=r"it has more than 10\^12 parts, the limit is 200000"):
+    with pytest.raises(MeshFormatError, match=r"10\^12 parts.* 200000"):
         parse(nested(40, 2))
     polygons = '<polylist count="1">' + PLAIN.partition('<triangles count="1">')[2].partition("<p>")[0]
     data = PLAIN.replace(PLAIN[PLAIN.index("<triangles") : PLAIN.index("</triangles>") + 12],

@@ -1,7 +1,5 @@
 """Legacy VTK files: tetrahedra, polygons, binary numbers, damage."""
 
-from __future__ import annotations
-
 import struct
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Robot files that tests write."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 from gateway.files.robots.reader import read_robot

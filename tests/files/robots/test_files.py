@@ -1,7 +1,5 @@
 """Files that a robot file refers to: where they are found, and where not."""
 
-from __future__ import annotations
-
 import hashlib
 import os
 import re
@@ -239,7 +237,7 @@ def test_a_robot_file_may_be_a_pipe(tmp_path: Path, monkeypatch: pytest.MonkeyPa
 
 
 def test_deep_xml_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(RobotFileError, match="its XML has more than 10000 levels, which is the limit"):
+    with pytest.raises(RobotFileError, match="10000 levels"):
         read_robot(write(tmp_path, "<robot>" + "<a>" * 3_000_000))
 
 

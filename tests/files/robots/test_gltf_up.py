@@ -1,7 +1,5 @@
 """Up axis of a robot's glTF meshes."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Literal
 

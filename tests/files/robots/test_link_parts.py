@@ -1,7 +1,5 @@
 """Meshes of URDF: scale, axes and materials."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

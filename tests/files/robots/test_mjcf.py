@@ -1,7 +1,5 @@
 """MJCF, read with the package mujoco."""
 
-from __future__ import annotations
-
 import os
 import sys
 from importlib.metadata import version
@@ -213,7 +211,7 @@ def test_included_files_are_recorded(tmp_path: Path) -> None:
 def test_elements_of_included_files_are_limited(tmp_path: Path) -> None:
     write(tmp_path, "<mujoco><worldbody><geom size='1'/><include file='part.xml'/></worldbody></mujoco>", "part.xml")
     document = '<mujoco><include file="part.xml"/><include file="part.xml"/></mujoco>'
-    with pytest.raises(RobotFileError, match="it and its includes have more than 6 XML elements"):
+    with pytest.raises(RobotFileError, match="6 XML elements"):
         read(tmp_path, document, limits=RobotLimits(max_elements=6))
     with pytest.raises(RobotFileError, match=r"MuJoCo cannot compile it: .*already included"):  # each is read once
         read(tmp_path, document, limits=RobotLimits(max_elements=7))
@@ -239,7 +237,7 @@ def test_urdf_in_a_file_called_xml(tmp_path: Path) -> None:
 
 def test_without_mujoco_the_extra_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "mujoco", None)
-    with pytest.raises(ImportError, match=r"MJCF files need the package mujoco .*pip install 'scenegate\[robots\]'"):
+    with pytest.raises(ImportError, match=r"mujoco .*'scenegate\[robots\]'"):
         read(tmp_path, mjcf(""))
 
 
@@ -262,7 +260,7 @@ def test_time_of_the_compiler_is_limited(tmp_path: Path) -> None:
     content = '<geom size="1"/>'
     for axis in ("1 0 0", "0 1 0", "0 0 1"):
         content = f'<replicate count="1000" offset="{axis}">{content}</replicate>'
-    with pytest.raises(RobotFileError, match=r"robot\.xml: .* it takes longer than max_compiler_seconds = 1$"):
+    with pytest.raises(RobotFileError, match=r"robot\.xml: .*max_compiler_seconds = 1$"):
         read(tmp_path, mjcf(content), limits=RobotLimits(max_compiler_seconds=1))
 
 
@@ -276,7 +274,7 @@ def test_a_pipe_as_a_mesh_does_not_block(tmp_path: Path) -> None:
 
 
 def test_size_of_the_model_is_limited(tmp_path: Path) -> None:
-    with pytest.raises(RobotFileError, match=r"the model has \d+ bytes, the limit is max_model_bytes = 100"):
+    with pytest.raises(RobotFileError, match=r"\d+ bytes, .*max_model_bytes = 100"):
         read(tmp_path, mjcf('<geom size="1"/>'), limits=RobotLimits(max_model_bytes=100))
 
 

@@ -1,7 +1,5 @@
 """Robots from packages, in SCENEGATE_ROBOTS: they load, and their link poses equal those of Drake and MuJoCo."""
 
-from __future__ import annotations
-
 import json
 import os
 import subprocess

@@ -1,7 +1,5 @@
 """Joint values as users give them, and the tree of a robot."""
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 
@@ -44,9 +42,9 @@ def test_a_floating_joint_needs_a_quaternion(tmp_path: Path) -> None:
         '<robot><link name="a"/><link name="b"/>'
         '<joint name="j" type="floating"><parent link="a"/><child link="b"/></joint></robot>',
     )
-    with pytest.raises(RobotFileError, match="the value of the floating joint 'j' must be 7 finite numbers, not 1"):
+    with pytest.raises(RobotFileError, match=r"'j' must be 7 .*not 1"):
         robot.link_poses({"j": 1})
-    with pytest.raises(RobotFileError, match="the quaternion of the joint 'j' must not be zero"):
+    with pytest.raises(RobotFileError, match=r"quaternion .*'j'"):
         robot.link_poses({"j": (1, 2, 3, 0, 0, 0, 0)})
 
 
@@ -88,7 +86,7 @@ def test_a_pose_beyond_float64_is_an_error(tmp_path: Path) -> None:
         '<mimic joint="j" multiplier="10"/></joint></robot>',
     )
     assert np.isfinite(robot.link_poses({"j": 1.0})).all()
-    with pytest.raises(RobotFileError, match="the pose of the link 'c' is not finite: numbers that lead to it"):
+    with pytest.raises(RobotFileError, match=r"link 'c' .*not finite"):
         robot.link_poses({"j": 1e308})
 
 

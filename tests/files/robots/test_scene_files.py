@@ -1,7 +1,5 @@
 """Scene files of every format, as --backdrop, --stereo-scene and ``scenegate render`` read them."""
 
-from __future__ import annotations
-
 import json
 import os
 import re
@@ -142,7 +140,7 @@ def test_an_unknown_joint_is_an_error(tmp_path: Path) -> None:
     path = write(tmp_path, ARM)
     with pytest.raises(SceneFileError, match=r"robot\.urdf: the robot has no joint 'knee'"):
         read_scene(path, SceneOptions(joints=("knee=1",)))
-    with pytest.raises(SceneFileError, match=r"robot\.urdf: --joint 'knee': must be name=value"):
+    with pytest.raises(SceneFileError, match=r"--joint 'knee': .*name=value"):
         read_scene(path, SceneOptions(joints=("knee",)))
 
 

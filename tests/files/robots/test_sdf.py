@@ -1,7 +1,5 @@
 """SDF: poses, frames, nested and included models, joints, geometry, and files with flaws."""
 
-from __future__ import annotations
-
 import json
 import os
 import subprocess
@@ -452,7 +450,7 @@ def test_colors_and_empty_geometry_of_visuals(tmp_path: Path) -> None:
 
 def test_a_world_of_which_nothing_is_shown_says_why(tmp_path: Path) -> None:
     sdf = "<sdf version='1.9'><world name='w'><include><uri>model://none</uri></include></world></sdf>"
-    with pytest.raises(RobotFileError, match=r"it has no links: the included model model://none is not shown: "):
+    with pytest.raises(RobotFileError, match=r"no links: .*model://none "):
         read_robot(write(tmp_path, sdf, "w.sdf"))
 
 

@@ -1,7 +1,5 @@
 """Links, joints, geometry and materials of URDF, and errors of files that are no good."""
 
-from __future__ import annotations
-
 import math
 from pathlib import Path
 
@@ -51,7 +49,7 @@ def test_links_joints_and_geometry(tmp_path: Path) -> None:
 def test_collision_geometry_is_read_on_request(tmp_path: Path) -> None:
     robot = read_robot(write(tmp_path, ARM), geometry="collision")
     assert [[part.shape for part in parts] for parts in robot.parts] == [[], [Sphere(0.2)], [], [], []]
-    with pytest.raises(ValueError, match="geometry must be 'visual' or 'collision', not 'visal'"):
+    with pytest.raises(ValueError, match=r"'visual' or 'collision'.* 'visal'"):
         read_robot(tmp_path / "robot.urdf", geometry="visal")  # type: ignore[arg-type]
 
 
@@ -323,9 +321,9 @@ def test_a_circle_and_two_parents_are_named(tmp_path: Path) -> None:
         return f'<joint name="{name}" type="fixed"><parent link="{parent}"/><child link="{child}"/></joint>'
 
     circle = fixed("j", "a", "b") + fixed("k", "b", "c") + fixed("l", "c", "a")
-    with pytest.raises(RobotFileError, match="the joints j, k, l form a circle: the links must be a tree"):
+    with pytest.raises(RobotFileError, match=r"joints j, k, l .*circle"):
         read(tmp_path, f"<robot>{links}{circle}</robot>")
-    with pytest.raises(RobotFileError, match="link 'c' is the child of two joints, 'j' and 'k'"):
+    with pytest.raises(RobotFileError, match=r"link 'c' .*'j' and 'k'"):
         read(tmp_path, f"<robot>{links}{fixed('j', 'a', 'c')}{fixed('k', 'b', 'c')}</robot>")
 
 
@@ -431,7 +429,7 @@ def test_a_long_axis_is_normalised(tmp_path: Path) -> None:
 
 def test_long_names_are_refused_and_not_repeated(tmp_path: Path) -> None:
     """The hint at similar names would compare them for minutes."""
-    with pytest.raises(RobotFileError, match="of <link> has 5000 characters, the limit is 4096") as caught:
+    with pytest.raises(RobotFileError, match=r"<link> .*5000 .*4096") as caught:
         read(tmp_path, f'<robot><link name="{"a" * 5000}"/></robot>')
     assert len(str(caught.value).removeprefix(str(tmp_path))) < 200
     names = [f"{number}{'a' * 4000}" for number in range(3)]

@@ -1,7 +1,5 @@
 """xacro files, expanded with the package xacro."""
 
-from __future__ import annotations
-
 import os
 from collections.abc import Callable
 from pathlib import Path

@@ -1,7 +1,5 @@
 """The parts that child processes compile."""
 
-from __future__ import annotations
-
 import os
 from pathlib import Path
 

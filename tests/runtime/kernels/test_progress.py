@@ -1,7 +1,5 @@
 """Progress of kernel compilation as JSON, as lines and on a terminal."""
 
-from __future__ import annotations
-
 import io
 import logging
 import sys

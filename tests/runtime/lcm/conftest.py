@@ -1,7 +1,5 @@
 """Fixture: an unused LCM network."""
 
-from __future__ import annotations
-
 import pytest
 
 from tests.adapters.treeviewer.transports import free_url, join

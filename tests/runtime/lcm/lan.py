@@ -3,8 +3,6 @@
 The first one receives with ttl=0. Prints what it has received, and its counters, as JSON.
 """
 
-from __future__ import annotations
-
 import asyncio
 import json
 import logging

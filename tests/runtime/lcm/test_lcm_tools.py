@@ -3,8 +3,6 @@
 They come with the wheel of lcm (or Debian's liblcm-bin); lcm-spy is Java, from the same wheel.
 """
 
-from __future__ import annotations
-
 import asyncio
 import contextlib
 import io

@@ -1,7 +1,5 @@
 """Limits of the transports at exactly their value, and one beyond it."""
 
-from __future__ import annotations
-
 import io
 
 import pytest

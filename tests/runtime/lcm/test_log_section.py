@@ -1,7 +1,5 @@
 """Sections of a log: which events, when, and what of the time before."""
 
-from __future__ import annotations
-
 import asyncio
 import io
 from pathlib import Path

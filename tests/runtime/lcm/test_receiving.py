@@ -1,7 +1,5 @@
 """Received messages: the queue, the socket's buffer, liblcm's file descriptor, and the choice of the transport."""
 
-from __future__ import annotations
-
 import asyncio
 import select
 import socket
@@ -224,7 +222,7 @@ async def test_liblcm_is_read_without_waiting(waiting: int, monkeypatch: pytest.
     await until(lambda: len(received) + lcm.waiting >= waiting)
     transport.publish("channel", b"message")
     assert lcm.published == [("channel", b"message")]
-    with pytest.raises(OSError, match="LCM cannot publish 7 bytes on 'refused': no network"):
+    with pytest.raises(OSError, match="7 bytes on 'refused'"):
         transport.publish("refused", b"message")
     await transport.close()
     for end in (lcm.readable, lcm.other_end):

@@ -1,7 +1,5 @@
 """Our hub and LCM's own (Java) hub relay alike: the same conversation with both."""
 
-from __future__ import annotations
-
 import asyncio
 import contextlib
 import shutil

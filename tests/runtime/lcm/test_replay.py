@@ -1,7 +1,5 @@
 """Log files of an LCM network: written, read, recorded and played; compared with LCM's own reader and writer."""
 
-from __future__ import annotations
-
 import asyncio
 import io
 import struct
@@ -158,7 +156,7 @@ async def test_no_channel_matches(tmp_path: Path) -> None:
     log.write_bytes(written(EVENTS))
     async with serving() as service:
         url = f"tcpq://127.0.0.1:{service.tcpq_port}"
-        with pytest.raises(ValueError, match=r"no channel matches --channels 'nothing'; there are .*IMU"):
+        with pytest.raises(ValueError, match=r"--channels 'nothing'.* IMU"):
             await replay.play(log, url, replay.PlayOptions(loop=True, channels="nothing"), replay.Progress())
 
 

@@ -1,7 +1,5 @@
 """Which senders count as programs on this machine, and what other machines can do."""
 
-from __future__ import annotations
-
 import asyncio
 import json
 import subprocess

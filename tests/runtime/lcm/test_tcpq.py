@@ -1,7 +1,5 @@
 """Parsing of TCPQ frames, and the patterns of subscriptions."""
 
-from __future__ import annotations
-
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st

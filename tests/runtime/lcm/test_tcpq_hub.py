@@ -1,7 +1,5 @@
 """The TCPQ hub with its clients, and the client of another hub."""
 
-from __future__ import annotations
-
 import asyncio
 import socket
 import threading

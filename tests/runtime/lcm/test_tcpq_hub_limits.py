@@ -1,7 +1,5 @@
 """Limits of the TCPQ hub for memory, time and connections, and invalid frames."""
 
-from __future__ import annotations
-
 import asyncio
 import struct
 from functools import partial

@@ -1,7 +1,5 @@
 """LCM's datagrams: split, and reassembled in any order, with losses, invalid and foreign datagrams."""
 
-from __future__ import annotations
-
 import random
 import struct
 

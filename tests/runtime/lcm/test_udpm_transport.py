@@ -1,7 +1,5 @@
 """UDP multicast by our own sockets: limits, a blocked network, errors, and messages to and from liblcm."""
 
-from __future__ import annotations
-
 import asyncio
 import contextlib
 import errno

@@ -1,7 +1,5 @@
 """Missing libraries and unreachable networks are reported in one sentence, and everything else works."""
 
-from __future__ import annotations
-
 import builtins
 import sys
 from typing import Any

@@ -1,7 +1,5 @@
 """Logs: one format for structlog and the standard library."""
 
-from __future__ import annotations
-
 import io
 import json
 import logging

@@ -1,7 +1,5 @@
 """Metrics of one application in Prometheus' text format."""
 
-from __future__ import annotations
-
 from gateway.runtime.logs.metrics_registry import Metrics
 
 

@@ -1,7 +1,5 @@
 """Log entries that are kept for interfaces: which, how many, how long."""
 
-from __future__ import annotations
-
 import logging
 from collections.abc import Iterator
 

@@ -1,5 +1,3 @@
-from __future__ import annotations
-
 from gateway.runtime.logs.warning_list import MAX_LISTED, MAX_SUBJECTS, WarningList
 
 

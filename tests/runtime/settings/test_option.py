@@ -1,7 +1,5 @@
 """Settings as text: flags, variables, defaults and placeholders."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import pytest

@@ -3,8 +3,6 @@
 Every line on stdin forks a new server process, which saves the imports. It prints its process id and port.
 """
 
-from __future__ import annotations
-
 import asyncio
 import os
 import signal
@@ -15,7 +13,8 @@ from gateway.adapters.treeviewer.config import TreeViewerConfig
 from gateway.adapters.treeviewer.protocol import TreeViewerProtocol
 from gateway.adapters.treeviewer.service import TreeViewerService
 from gateway.runtime.lcm.config import LcmConfig
-from gateway.runtime.state.service import PersistentState, StateConfig
+from gateway.runtime.state.service import PersistentState
+from gateway.runtime.state.tree_store import TreeStore
 from gateway.scene.tree.live import LiveTree
 from tests.adapters.treeviewer.conversation import message
 
@@ -23,8 +22,8 @@ from tests.adapters.treeviewer.conversation import message
 async def serve(path: Path) -> None:
     live = LiveTree()
     # Small, so that crashes also happen during checkpoints.
-    state = PersistentState(StateConfig(path, checkpoint_bytes=1 << 18))
-    state.restore_tree(live)
+    state = PersistentState(path, checkpoint_bytes=1 << 18)
+    state.add(TreeStore(live))
     state.start()
     service = TreeViewerService(TreeViewerConfig(lcm=LcmConfig(url="off", tcpq_port=0)), live, store=state)
     running = asyncio.create_task(service.run())

@@ -15,7 +15,8 @@ from typing import Any
 import pytest
 
 from gateway.adapters.treeviewer.protocol import REQUEST, RESPONSE, TreeViewerProtocol
-from gateway.runtime.state.service import PersistentState, StateConfig
+from gateway.runtime.state.service import PersistentState
+from gateway.runtime.state.tree_store import TreeStore
 from gateway.scene.tree.live import LiveTree
 from gateway.scene.tree.nodes import Node
 from tests.adapters.treeviewer.conversation import decoded, message
@@ -163,8 +164,8 @@ async def test_acknowledged_requests_survive_kill_9(tmp_path: Path) -> None:
         for _ in range(ROUNDS):
             results = await crash(servers, chance, at)
             live = LiveTree()
-            state = PersistentState(StateConfig(path))
-            state.restore_tree(live)
+            state = PersistentState(path)
+            state.add(TreeStore(live))
             for client, (acknowledged, sent) in enumerate(results):
                 mine = live.snapshot.root.find((f"client {client}",))
                 assert mine is not None

@@ -1,7 +1,5 @@
 """Locking, migrations, and files that are not ours and stay unchanged."""
 
-from __future__ import annotations
-
 import os
 import re
 import shutil
@@ -209,7 +207,7 @@ def test_without_locks_the_file_is_used_all_the_same(tmp_path: Path, monkeypatch
 
 
 def test_rejects_missing_folders_and_directories(tmp_path: Path) -> None:
-    with pytest.raises(StateError, match="cannot be opened: No such file or directory"):
+    with pytest.raises(StateError, match="cannot be used: No such file or directory"):
         Database(tmp_path / "nowhere" / "state")
-    with pytest.raises(StateError, match="cannot be opened: Is a directory"):
+    with pytest.raises(StateError, match="cannot be used: Is a directory"):
         Database(tmp_path)

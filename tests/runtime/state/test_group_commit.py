@@ -1,11 +1,8 @@
 """Order of callbacks, grouping of changes, failures and recovery."""
 
-from __future__ import annotations
-
 import asyncio
 import threading
 from collections.abc import AsyncIterator
-from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -14,7 +11,8 @@ import numpy as np
 import pytest
 import structlog.testing
 
-from gateway.runtime.state.service import PersistentState, StateConfig
+from gateway.runtime.state.service import PersistentState
+from gateway.runtime.state.tree_store import TreeStore
 from gateway.scene.tree.geometry import Part, PointCloud
 from gateway.scene.tree.live import LiveTree
 from renderers.drawlist import Material
@@ -28,10 +26,10 @@ BOX = (Part(Box((1.0, 2.0, 3.0)), Material()),)
 class Kept:
     """A live tree with a persistent state."""
 
-    def __init__(self, config: StateConfig) -> None:
+    def __init__(self, path: Path, **limits: Any) -> None:
         self.live = LiveTree()
-        self.state = PersistentState(config)
-        self.state.restore_tree(self.live)
+        self.state = PersistentState(path, **limits)
+        self.state.add(TreeStore(self.live))
 
     def put(self, name: str, parts: tuple[Part, ...] = BOX) -> None:
         with self.live.edit() as edit:
@@ -42,13 +40,13 @@ class Kept:
 
 
 @pytest.fixture
-def config(tmp_path: Path) -> StateConfig:
-    return StateConfig(tmp_path / "state")
+def path(tmp_path: Path) -> Path:
+    return tmp_path / "state"
 
 
 @pytest.fixture
-async def kept(config: StateConfig) -> AsyncIterator[Kept]:
-    kept = Kept(config)
+async def kept(path: Path) -> AsyncIterator[Kept]:
+    kept = Kept(path)
     kept.state.start()
     yield kept
     async with asyncio.timeout(SECONDS):
@@ -63,17 +61,17 @@ class Slow:
         self.writing = threading.Event()
         self.writes = 0
 
+    def restore(self, connection: object) -> int:
+        return self.writes
+
     def capture(self) -> int:
         return self.writes
 
-    def write(self, connection: object, captured: int) -> bool:
+    def write(self, connection: object, stored: int, captured: int) -> bool:
         self.writing.set()
         assert self.allowed.wait(SECONDS)
         self.writes += 1
         return True
-
-    def committed(self, captured: int) -> None:
-        pass
 
 
 async def wait_for(event: threading.Event) -> None:
@@ -81,7 +79,7 @@ async def wait_for(event: threading.Event) -> None:
         assert await asyncio.to_thread(event.wait, SECONDS)
 
 
-async def test_awaited_changes_are_in_the_file(kept: Kept, config: StateConfig) -> None:
+async def test_awaited_changes_are_in_the_file(kept: Kept) -> None:
     for name in "abc":
         kept.put(name)
         assert await kept.state.wait_until_stored() == ""
@@ -105,7 +103,7 @@ async def test_changes_of_one_turn_are_one_transaction(kept: Kept) -> None:
 
 async def test_the_reason_of_a_failure_names_no_path(kept: Kept) -> None:
     class Full(Slow):
-        def write(self, connection: object, captured: int) -> bool:
+        def write(self, connection: object, stored: int, captured: int) -> bool:
             raise OSError(28, "No space left on device", "/home/robot/scene.state")
 
     kept.state.add(Full())
@@ -136,8 +134,8 @@ async def test_changes_during_a_commit_are_the_next_transaction(kept: Kept) -> N
     assert kept.state.waiting_bytes == 0
 
 
-async def test_full_above_the_limit_of_waiting_bytes(config: StateConfig) -> None:
-    kept = Kept(replace(config, max_waiting_bytes=50))
+async def test_full_above_the_limit_of_waiting_bytes(path: Path) -> None:
+    kept = Kept(path, max_waiting_bytes=50)
     kept.state.start()
     slow = Slow()
     kept.state.add(slow)
@@ -152,7 +150,7 @@ async def test_full_above_the_limit_of_waiting_bytes(config: StateConfig) -> Non
     await kept.state.close()
 
 
-async def test_full_disk_is_reported_and_later_commits_store_everything(kept: Kept, config: StateConfig) -> None:
+async def test_full_disk_is_reported_and_later_commits_store_everything(kept: Kept, path: Path) -> None:
     problems: list[str] = []
     kept.state.on_problem = problems.append
     kept.put("before")
@@ -171,7 +169,7 @@ async def test_full_disk_is_reported_and_later_commits_store_everything(kept: Ke
     assert problems == ["database or disk is full", ""]
     before = trees.tree(kept.live.snapshot.root)
     await kept.state.close()
-    again = Kept(config)
+    again = Kept(path)
     assert trees.tree(again.live.snapshot.root) == before
     kept.state = again.state
     kept.state.start()
@@ -183,7 +181,7 @@ async def test_internal_errors_are_reported_and_later_commits_succeed(
     class Broken(Slow):
         broken = True
 
-        def write(self, connection: object, captured: int) -> bool:
+        def write(self, connection: object, stored: int, captured: int) -> bool:
             if self.broken:
                 raise ZeroDivisionError("of ours")
             return False
@@ -195,8 +193,8 @@ async def test_internal_errors_are_reported_and_later_commits_succeed(
     assert await kept.state.wait_until_stored() == ""
 
 
-async def test_idle_edits_are_stored_after_a_delay(config: StateConfig) -> None:
-    kept = Kept(replace(config, idle_commit_seconds=0.0))
+async def test_idle_edits_are_stored_after_a_delay(path: Path) -> None:
+    kept = Kept(path, idle_commit_seconds=0.0)
     kept.state.start()
     kept.put("quiet")
     await until(lambda: kept.state.status()["commits"])
@@ -204,19 +202,19 @@ async def test_idle_edits_are_stored_after_a_delay(config: StateConfig) -> None:
     await kept.state.close()
 
 
-async def test_close_stores_the_last_edits(config: StateConfig) -> None:
-    kept = Kept(config)
+async def test_close_stores_the_last_edits(path: Path) -> None:
+    kept = Kept(path)
     kept.state.start()
     kept.put("last")
     await kept.state.close()
-    again = Kept(config)
+    again = Kept(path)
     assert list(again.live.snapshot.root.children) == ["last"]
     await again.state.close()
 
 
 @pytest.mark.parametrize("is_full", [True, False])
-async def test_edits_that_close_cannot_store_are_logged(config: StateConfig, is_full: bool) -> None:
-    kept = Kept(config)
+async def test_edits_that_close_cannot_store_are_logged(path: Path, is_full: bool) -> None:
+    kept = Kept(path)
     kept.state.start()
     if is_full:
         kept.sql(f"PRAGMA max_page_count = {kept.sql('PRAGMA page_count')}")
@@ -224,13 +222,11 @@ async def test_edits_that_close_cannot_store_are_logged(config: StateConfig, is_
     with structlog.testing.capture_logs() as logs:
         await kept.state.close()
     lost = [entry for entry in logs if entry["event"] == "last edits could not be stored"]
-    assert [(entry["reason"], entry["path"]) for entry in lost] == [
-        ("database or disk is full", str(config.path))
-    ] * is_full
+    assert [(entry["reason"], entry["path"]) for entry in lost] == [("database or disk is full", str(path))] * is_full
 
 
-async def test_log_is_checkpointed_beyond_its_limit(config: StateConfig) -> None:
-    kept = Kept(replace(config, checkpoint_bytes=1 << 16))
+async def test_log_is_checkpointed_beyond_its_limit(path: Path) -> None:
+    kept = Kept(path, checkpoint_bytes=1 << 16)
     kept.state.start()
     chance = np.random.default_rng(1)
     for _ in range(20):

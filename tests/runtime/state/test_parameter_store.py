@@ -1,5 +1,3 @@
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 
@@ -19,54 +17,54 @@ def database(tmp_path: Path) -> Any:
     database.close()
 
 
-def kept(database: Database, camera: str = "0") -> tuple[Parameters, ParameterStore]:
-    parameters = Parameters()
-    store = ParameterStore(camera, lambda: list(NODES), parameters)
-    store.restore(database.connection)
-    return parameters, store
+class Kept:
+    """A camera's parameters and their store."""
 
+    def __init__(self, database: Database, camera: str = "0") -> None:
+        self.parameters = Parameters()
+        self._connection = database.connection
+        self._store = ParameterStore(camera, NODES, self.parameters)
+        self._stored = self._store.restore(self._connection)
 
-def commit(database: Database, store: ParameterStore) -> bool:
-    captured = store.capture()
-    wrote = store.write(database.connection, captured)
-    store.committed(captured)
-    return wrote
+    def commit(self) -> bool:
+        before, self._stored = self._stored, self._store.capture()
+        return self._store.write(self._connection, before, self._stored)
 
 
 def test_all_parameters_are_restored(database: Database) -> None:
-    parameters, store = kept(database)
+    kept = Kept(database)
     for node, specs in NODES.items():
         for spec in specs.values():
             other = (
                 spec.choices[-1] if spec.type == "string" else not spec.default if spec.type == "bool" else spec.maximum
             )
-            parameters.set(node, [(spec.name, other)])
-    assert commit(database, store)
-    assert not commit(database, store)
-    again, _ = kept(database)
-    assert {node: again.values(node) for node in NODES} == {node: parameters.values(node) for node in NODES}
+            kept.parameters.set(node, [(spec.name, other)])
+    assert kept.commit()
+    assert not kept.commit()
+    again = Kept(database).parameters
+    assert {node: again.values(node) for node in NODES} == {node: kept.parameters.values(node) for node in NODES}
 
 
 @pytest.mark.parametrize("control", ["Auto", "Manual", "HDR"])
 def test_aliased_parameters_agree_after_restore(database: Database, control: str) -> None:
-    parameters, store = kept(database)
-    parameters.set("rc_camera", [("exp_control", "Manual")])
-    commit(database, store)
-    parameters.set("rc_camera", [("exp_control", control)])
-    commit(database, store)
-    again, _ = kept(database)
+    kept = Kept(database)
+    kept.parameters.set("rc_camera", [("exp_control", "Manual")])
+    kept.commit()
+    kept.parameters.set("rc_camera", [("exp_control", control)])
+    kept.commit()
+    again = Kept(database).parameters
     assert again.values("rc_camera")["exp_control"] == control
     assert again.values("rc_camera")["exp_auto"] == (control != "Manual")
 
 
 def test_defaults_are_stored_only_after_other_values(database: Database) -> None:
-    parameters, store = kept(database)
-    assert not commit(database, store)
-    parameters.set("rc_camera", [("fps", 5)])
-    commit(database, store)
-    parameters.reset("rc_camera")
-    assert commit(database, store)
-    assert kept(database)[0].values("rc_camera")["fps"] == 25
+    kept = Kept(database)
+    assert not kept.commit()
+    kept.parameters.set("rc_camera", [("fps", 5)])
+    kept.commit()
+    kept.parameters.reset("rc_camera")
+    assert kept.commit()
+    assert Kept(database).parameters.values("rc_camera")["fps"] == 25
 
 
 def test_unknown_and_invalid_parameters_are_logged_and_skipped(database: Database) -> None:
@@ -75,23 +73,14 @@ def test_unknown_and_invalid_parameters_are_logged_and_skipped(database: Databas
         [("rc_camera", "fps", "9"), ("rc_camera", "magic", "1"), ("rc_camera", "gamma", "1e9"), ("nobody", "x", "1")],
     )
     with structlog.testing.capture_logs() as logs:
-        parameters, _ = kept(database)
+        parameters = Kept(database).parameters
     assert parameters.values("rc_camera")["fps"] == 9
     assert len(logs) == 3
 
 
-def test_captured_values_are_the_same_object_until_a_parameter_changes(database: Database) -> None:
-    parameters, store = kept(database)
-    captured = store.capture()
-    assert store.capture() is captured
-    parameters.set("rc_camera", [("fps", 5)])
-    assert store.capture() is not captured
-    assert (captured["rc_camera"]["fps"], store.capture()["rc_camera"]["fps"]) == (25, 5)
-
-
 def test_cameras_have_separate_parameters(database: Database) -> None:
-    parameters, store = kept(database, "1")
-    parameters.set("rc_camera", [("fps", 5)])
-    commit(database, store)
-    assert kept(database, "0")[0].values("rc_camera")["fps"] == 25
-    assert kept(database, "1")[0].values("rc_camera")["fps"] == 5
+    kept = Kept(database, "1")
+    kept.parameters.set("rc_camera", [("fps", 5)])
+    kept.commit()
+    assert Kept(database, "0").parameters.values("rc_camera")["fps"] == 25
+    assert Kept(database, "1").parameters.values("rc_camera")["fps"] == 5

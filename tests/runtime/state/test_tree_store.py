@@ -1,9 +1,6 @@
 """The tree in the database against a tree in memory."""
 
-from __future__ import annotations
-
 import sqlite3
-from collections import Counter
 from pathlib import Path as File
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -38,13 +35,24 @@ paths = st.lists(st.sampled_from(["a", "b", 1, "1", "a/b", "\ud800", "demo"]), m
 poses = st.tuples(*[st.floats()] * 7)
 
 
-def write(database: Database, store: TreeStore) -> bool:
-    captured = store.capture()
-    database.connection.execute("BEGIN IMMEDIATE")
-    wrote = store.write(database.connection, captured)
-    database.connection.execute("COMMIT")
-    store.committed(captured)
-    return wrote
+class Stored:
+    """A tree store, and what it has stored."""
+
+    def __init__(self, database: Database, live: LiveTree, excluded: tuple[str, ...] = ()) -> None:
+        self.database, self.store = database, TreeStore(live, excluded)
+        self.root = Node()
+
+    def restore(self) -> None:
+        self.root = self.store.restore(self.database.connection)
+
+    def write(self, end: str = "COMMIT") -> bool:
+        captured = self.store.capture()
+        self.database.connection.execute("BEGIN IMMEDIATE")
+        wrote = self.store.write(self.database.connection, self.root, captured)
+        self.database.connection.execute(end)
+        if end == "COMMIT":
+            self.root = captured
+        return wrote
 
 
 def restored(database: Database, excluded: tuple[str, ...] = ()) -> Node:
@@ -54,11 +62,12 @@ def restored(database: Database, excluded: tuple[str, ...] = ()) -> Node:
 
 
 def check_uses(connection: sqlite3.Connection) -> None:
-    """Assert that every blob is counted as often as nodes refer to it."""
-    uses: Counter[bytes] = Counter()
-    for (digests,) in connection.execute("SELECT parts FROM tree_node WHERE parts NOT NULL"):
-        uses.update(digests[begin : begin + 32] for begin in range(0, len(digests), 32))
-    assert dict(connection.execute("SELECT digest, uses FROM tree_blob")) == uses
+    """Assert that there are the blobs that nodes use, and no others."""
+    blobs, uses, parts = (
+        {digest for (digest,) in connection.execute(f"SELECT DISTINCT {column} FROM {table} WHERE {column} NOT NULL")}
+        for column, table in (("digest", "tree_blob"), ("digest", "tree_use"), ("parts", "tree_node"))
+    )
+    assert blobs == uses >= parts
 
 
 class StoreMachine(RuleBasedStateMachine):
@@ -68,12 +77,13 @@ class StoreMachine(RuleBasedStateMachine):
         super().__init__()
         self.folder = TemporaryDirectory()
         self.database = Database(File(self.folder.name) / "state")
-        self.live = LiveTree()
-        self.store = TreeStore(self.live, ["demo"])
+        self.begin()
 
     @initialize()
     def begin(self) -> None:
-        self.store.restore(self.database.connection)
+        self.live = LiveTree()
+        self.stored = Stored(self.database, self.live, ("demo",))
+        self.stored.restore()
 
     @rule(path=paths, which=st.integers(0, len(GEOMETRY) - 1))
     def geometry(self, path: Path, which: int) -> None:
@@ -107,24 +117,20 @@ class StoreMachine(RuleBasedStateMachine):
 
     @rule()
     def commit(self) -> None:
-        write(self.database, self.store)
-        assert not write(self.database, self.store), "nothing changed since the last commit"
+        self.stored.write()
+        assert not self.stored.write(), "nothing changed since the last commit"
 
     @rule()
     def fail(self) -> None:
-        self.database.connection.execute("BEGIN IMMEDIATE")
-        self.store.write(self.database.connection, self.store.capture())
-        self.database.connection.execute("ROLLBACK")
+        self.stored.write("ROLLBACK")
 
     @rule()
     def restart(self) -> None:
-        write(self.database, self.store)
+        self.stored.write()
         self.database.close()
         before = trees.tree(self.live.snapshot.root, (("demo",),))
         self.database = Database(File(self.folder.name) / "state")
-        self.live = LiveTree()
-        self.store = TreeStore(self.live, ["demo"])
-        self.store.restore(self.database.connection)
+        self.begin()
         assert trees.tree(self.live.snapshot.root) == before
 
     @invariant()
@@ -133,7 +139,7 @@ class StoreMachine(RuleBasedStateMachine):
 
     def teardown(self) -> None:
         try:
-            write(self.database, self.store)
+            self.stored.write()
             check_uses(self.database.connection)
             assert trees.tree(restored(self.database)) == trees.tree(self.live.snapshot.root, (("demo",),))
         finally:
@@ -154,30 +160,30 @@ def database(tmp_path: File) -> Any:
 
 def test_order_of_siblings_is_restored(database: Database) -> None:
     live = LiveTree()
-    store = TreeStore(live)
+    stored = Stored(database, live)
     with live.edit() as edit:
         for name in "abcd":
             edit.set_parts((name, "below"), GEOMETRY[1])
-    write(database, store)
+    stored.write()
     with live.edit() as edit:
         edit.delete(("b",))
         edit.set_parts(("new",), ())
         edit.set_parts(("b",), GEOMETRY[1])
-    write(database, store)
+    stored.write()
     assert list(restored(database).children) == ["a", "c", "d", "new", "b"]
     assert trees.tree(restored(database)) == trees.tree(live.snapshot.root)
 
 
 def test_new_pose_writes_one_row(database: Database) -> None:
     live = LiveTree()
-    store = TreeStore(live)
+    stored = Stored(database, live)
     with live.edit() as edit:
         edit.set_parts(("a",), GEOMETRY[2])
-    write(database, store)
+    stored.write()
     before = database.connection.total_changes
     with live.edit() as edit:
         edit.set_pose(("a",), (1.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0))
-    write(database, store)
+    stored.write()
     assert database.connection.total_changes - before == 1
 
 
@@ -186,7 +192,7 @@ def test_excluded_children_are_not_restored(database: Database) -> None:
     with live.edit() as edit:
         edit.set_parts(("demo", "own"), ())
         edit.set_parts(("other",), ())
-    write(database, TreeStore(live))
+    Stored(database, live).write()
     assert list(restored(database, ("demo",)).children) == ["other"]
 
 
@@ -204,7 +210,7 @@ def test_rejects_damaged_tables(database: Database, damage: str) -> None:
     live = LiveTree()
     with live.edit() as edit:
         edit.set_parts(("a",), GEOMETRY[2])
-    write(database, TreeStore(live))
+    Stored(database, live).write()
     database.connection.execute(damage)
     with pytest.raises(Exception):  # noqa: B017, PT011 - whichever way it is found
         restored(database)

@@ -1,7 +1,5 @@
 """Random geometry for the state tests, and its exact description for comparisons."""
 
-from __future__ import annotations
-
 import dataclasses
 from collections.abc import Mapping
 from enum import Enum

@@ -1,7 +1,5 @@
 """Rendering of flattened trees: front faces, labels and instance ids."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

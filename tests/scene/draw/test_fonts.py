@@ -1,7 +1,5 @@
 """Fonts for text in images."""
 
-from __future__ import annotations
-
 import shutil
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Images on planes as the rasterizer shows them."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from numpy.typing import NDArray

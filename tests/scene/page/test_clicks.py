@@ -1,7 +1,5 @@
 """Subscriptions to clicks: paths, limits and leases."""
 
-from __future__ import annotations
-
 from gateway.scene.page.clicks import ClickLimits, ClickSubscriptions
 from gateway.scene.tree.nodes import Path
 from scenegate.messages.clicks import Click

@@ -1,7 +1,5 @@
 """The controls of clients: values, samples, sharing, limits and leases."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import Any
 
@@ -141,7 +139,7 @@ def test_controls_that_are_left_out_are_removed() -> None:
     assert world.shown() == {("go",): 0}
     world.set("one")
     assert world.shown() == {}
-    with pytest.raises(ValueError, match="this client has no such control; setcontrols adds it"):
+    with pytest.raises(ValueError, match=r"no such control.* setcontrols"):
         world.store.set_value("one", ("go",), 1, 1)
 
 
@@ -234,9 +232,9 @@ def test_values_of_plots_and_gizmos() -> None:
     assert world.delivered() == [("one", {("target",): pose}, 1)]
     with pytest.raises(ValueError, match="1 cannot be set: the control has no value"):
         world.store.set_value("one", ("loads",), 1, 2)
-    with pytest.raises(ValueError, match="a gizmo has the pose of its node; settransform moves both"):
+    with pytest.raises(ValueError, match=r"gizmo .*settransform"):
         world.store.set_value("one", ("target",), pose, 2)
-    with pytest.raises(ValueError, match="samples can be added to a plot, not to a slider"):
+    with pytest.raises(ValueError, match=r"plot, not .*slider"):
         world.store.add_samples("one", ("speed",), np.zeros((1, 2)), 2)
 
 

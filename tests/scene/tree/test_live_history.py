@@ -1,7 +1,5 @@
 """Recent states of the live tree: which one was valid at a time, and how many are kept."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """Materials of geometries with a colour, and of mesh files that a command colours."""
 
-from __future__ import annotations
-
 import pytest
 
 from gateway.scene.tree.materials import WHITE, material, tinted

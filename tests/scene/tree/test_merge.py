@@ -1,7 +1,5 @@
 """Merging two edits of one tree."""
 
-from __future__ import annotations
-
 from typing import Any
 
 from hypothesis import assume, given

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gateway.files.gltf.accessors import COMPONENT_COUNTS, COMPONENT_TYPES
-from gateway.scene.tree.sampling import FileTooLargeError
+from gateway.scene.tree.timeline import FileTooLargeError
 from gateway.scene.tree.transforms import Matrix
 
 MAX_BYTES: Final = 1 << 30

@@ -1,7 +1,5 @@
 """A folder that is open to clients, and files beside it that are not."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

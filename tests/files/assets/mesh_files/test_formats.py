@@ -1,7 +1,5 @@
 """Shapes, materials, textures, units and axes of all formats."""
 
-from __future__ import annotations
-
 import io
 from pathlib import Path
 from typing import Any
@@ -263,7 +261,7 @@ def test_obj_vertices_that_are_not_finite_in_float32_drop_their_faces(
     assert (len(mesh.elements), mesh.positions.max()) == (1, 1.0)
     assert warnings == ["'t.obj': 1 of 2 triangles with vertices that are not finite are left out"]
     write(root / "u.obj", f"v 0 0 0\nv 1 0 0\nv 0 0 {number}\nf 1 2 3\n")
-    with pytest.raises(MeshFileError, match="no triangles or points; 1 of 1 triangles with vertices that are not"):
+    with pytest.raises(MeshFileError, match=r"no triangles .*1 of 1 "):
         files.load("u.obj")
 
 

@@ -1,7 +1,5 @@
 """Names that lead outside of the open folders, damaged files, files beyond the limits."""
 
-from __future__ import annotations
-
 import os
 import socket
 from pathlib import Path
@@ -39,7 +37,7 @@ def test_collada_with_entities_is_refused(root: Path, files: MeshFiles) -> None:
 def test_files_outside_of_the_roots_are_not_disclosed(root: Path, files: MeshFiles, name: str) -> None:
     (root / "link").symlink_to(root.parent)
     (root / "secret-link.obj").symlink_to(root.parent / "secret.obj")
-    with pytest.raises(MeshFileError, match="lies outside of the folders that are open to clients") as caught:
+    with pytest.raises(MeshFileError, match="outside of the folders") as caught:
         files.load(name.format(outside=root.parent))
     assert not caught.value.missing
 
@@ -242,5 +240,5 @@ def test_the_files_that_a_mesh_refers_to_share_the_limit(root: Path) -> None:
     write(root / "data.bin", np.eye(3, dtype=np.float32).tobytes())
     total = len(text) + 36
     assert MeshFiles([root], MeshFileLimits(max_total_bytes=total)).load("t.gltf")
-    with pytest.raises(MeshFileError, match=r"'data\.bin' is larger than the 35 bytes that are left to it"):
+    with pytest.raises(MeshFileError, match=r"'data\.bin' .*35 bytes"):
         MeshFiles([root], MeshFileLimits(max_total_bytes=total - 1)).load("t.gltf")

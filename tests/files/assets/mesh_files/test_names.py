@@ -1,7 +1,5 @@
 """Names of mesh files, and their cache."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np
@@ -42,7 +40,7 @@ def test_packages_are_found_by_the_name_in_their_manifest(root: Path, files: Mes
 
 
 def test_relative_names_need_a_folder() -> None:
-    with pytest.raises(MeshFileError, match=r"'t\.obj' is relative to a folder of --mesh-root, and there is none"):
+    with pytest.raises(MeshFileError, match=r"'t\.obj' .*--mesh-root"):
         MeshFiles((), any_folder=True).load("t.obj")
 
 

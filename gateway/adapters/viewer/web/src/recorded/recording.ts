@@ -1,4 +1,4 @@
-// Recordings: the frames of a scene over time, in one block (gateway/adapters/viewer/recording.py).
+// Recordings: the frames of a scene over time, in one block (gateway/replay/page_recorder.py).
 
 import { parse } from "../connection";
 import type { Message, RecordedChannel, RecordedImage, RecordingEnd, SceneUpdate } from "../protocol";

@@ -7,8 +7,8 @@ from typing import Annotated, Final
 
 from fastapi import APIRouter, Query, Request, Response
 
-from gateway.adapters.viewer.recording import MAX_BYTES, record_section
-from gateway.adapters.viewer.scene_file import SceneFileWriter
+from gateway.replay.page_file import scene_html
+from gateway.replay.page_recorder import MAX_BYTES, PageRecorder, record_section
 from gateway.runtime.http.disconnect import while_connected
 from gateway.runtime.http.openapi import error_responses, example, file_response
 from gateway.runtime.http.plain_error_route import PlainErrorRoute
@@ -62,17 +62,20 @@ def share_router(
     router = APIRouter(tags=["Browser view"], route_class=PlainErrorRoute)
     one_at_a_time = asyncio.Lock()
 
-    async def written(writer: SceneFileWriter, seconds: float | None, rate: float) -> bytes:
+    async def written(seconds: float | None, rate: float, view: str) -> bytes:
+        recorder = PageRecorder(page, max_bytes, rig)
         async with one_at_a_time:
             if history is None:
                 snapshot = tree.snapshot
-                await asyncio.to_thread(writer.add, snapshot.timestamp, snapshot)
-                return await asyncio.to_thread(writer.finish, snapshot.timestamp)
-            timeline = history.held()
-            start, end = timeline.span
-            if seconds is not None:
-                start = max(start, end - int(seconds * 1e9))
-            return await record_section(writer, timeline, start, end, rate, asyncio.to_thread)
+                await asyncio.to_thread(recorder.add, snapshot.timestamp, snapshot)
+                recording = await asyncio.to_thread(recorder.finish, snapshot.timestamp)
+            else:
+                timeline = history.held()
+                start, end = timeline.span
+                if seconds is not None:
+                    start = max(start, end - int(seconds * 1e9))
+                recording = await record_section(recorder, timeline, start, end, rate, asyncio.to_thread)
+            return await asyncio.to_thread(scene_html, recording, view)
 
     @router.get(
         "/view/scene.html",
@@ -89,8 +92,7 @@ def share_router(
         request: Request, seconds: Seconds = None, rate: Rate = DEFAULT_RATE, view: View = ""
     ) -> Response:
         """The page with the scene and its recent motion, which a browser opens without a gateway."""
-        writer = SceneFileWriter(page, view, max_bytes, rig)
-        body = await while_connected(request, written(writer, seconds, rate))
+        body = await while_connected(request, written(seconds, rate, view))
         return Response(body, media_type="text/html; charset=utf-8", headers=HEADERS)
 
     return router

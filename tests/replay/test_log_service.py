@@ -1,26 +1,23 @@
 """A log in place of the live tree, while it is indexed."""
 
-from __future__ import annotations
-
 import asyncio
 from pathlib import Path
 
 import pytest
 
-from gateway.replay import timeline
-from gateway.replay.timeline import open_log
-from gateway.wiring import log
-from gateway.wiring.log import LogService
+from gateway.replay import log_service, log_timeline
+from gateway.replay.log_service import LogService
+from gateway.replay.log_timeline import open_log
 from tests.replay.logs import write_log
-from tests.replay.test_timeline import moving, x_of
+from tests.replay.test_log_timeline import moving, x_of
 from tests.support.waiting import until
 
 
 async def test_the_live_tree_has_the_last_state_of_the_part_that_is_indexed(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(timeline, "SLICE_SECONDS", 0.0)  # one message
-    monkeypatch.setattr(log, "SHOW_SECONDS", 0.0)
+    monkeypatch.setattr(log_timeline, "SLICE_SECONDS", 0.0)  # one message
+    monkeypatch.setattr(log_service, "SHOW_SECONDS", 0.0)
     shown: list[float] = []
     service = LogService(
         open_log(write_log(tmp_path / "run.lcmlog", moving(5))),

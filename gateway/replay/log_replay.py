@@ -29,6 +29,8 @@ _log = structlog.get_logger("gateway.lcmlog")
 
 MAX_CHANNELS: Final = DrakeViewerConfig().channels
 """Maximum number of channels of Drake's clouds and frames, as while a simulation runs."""
+MAX_LISTED: Final = 100
+"""Maximum number of channels whose first reason is kept."""
 MIN_DATA_COST: Final = 16 * 1024
 """Bytes of a message that take about as long as the message itself: 0.1 ms."""
 SKIPPED_COST: Final = 0.02
@@ -52,6 +54,30 @@ class ReplayState:
     """Offset of the next event in the file."""
 
 
+class IncompleteMessages:
+    """Counts messages that could not be shown completely; keeps the first reason of each channel."""
+
+    def __init__(self) -> None:
+        self._channels: dict[str, tuple[str, int]] = {}
+        """First reason, and number of these messages, by channel."""
+        self.count = 0
+        """Number of these messages."""
+
+    def add(self, channel: str, reasons: Sequence[str]) -> None:
+        """Count a message with the reasons why it is not shown completely."""
+        self.count += 1
+        reason, count = self._channels.get(channel, (reasons[0], 0))
+        if count or len(self._channels) < MAX_LISTED:
+            self._channels[channel] = reason, count + 1
+
+    def listed(self) -> list[str]:
+        """Return a sentence for each channel."""
+        return [
+            f"{channel}: messages that are not shown completely: {count}; the first one: {reason}"
+            for channel, (reason, count) in tuple(self._channels.items())  # another thread adds to it
+        ]
+
+
 class LogReplay(Closing):
     """Replays a log from one of its states. Not thread-safe."""
 
@@ -68,6 +94,8 @@ class LogReplay(Closing):
         """
         state = state or ReplayState()
         self._files = files
+        self.incomplete = IncompleteMessages()
+        """Messages that could not be shown completely."""
         self.clock = self._next_clock = state.clock
         """Time of the last event."""
         self.position = state.position
@@ -117,21 +145,22 @@ class LogReplay(Closing):
         self._begin(state)
         return state
 
-    def step(self) -> Sequence[str]:
-        """Apply the next event, if there is one; return the reasons why its message is not shown completely."""
+    def step(self) -> None:
+        """Apply the next event, if there is one."""
         event = self.next_event
         if event is None:
-            return ()
+            return
         self.clock = self._next_clock
         try:
-            return self._apply(event)
+            reasons = self._apply(event)
         except (wire.WireError, MessageError, *UnavailableErrors) as error:
-            return (str(error),)
+            reasons = (str(error),)
         except Exception as error:  # noqa: BLE001 - one message must not end the replay
             _log.error("A message of a log could not be shown", channel=event.channel, exc_info=error)
-            return ("internal error; the log of the program says more",)
-        finally:
-            self._read_next()
+            reasons = ("internal error; the log of the program says more",)
+        self._read_next()
+        if reasons:
+            self.incomplete.add(event.channel, reasons)
 
     def advance(self, time_ns: int) -> None:
         """Apply all events up to a time, nanoseconds since the epoch."""

@@ -1,4 +1,4 @@
-"""Recordings: the frames that a page needs to show a scene over time, without a gateway. ``scene_file`` embeds them.
+"""Recordings: the frames that a page needs to show a scene over time, without a gateway. ``page_file`` embeds them.
 
 A recording is a gzip stream of records, each a view frame with a time:
 ``f64 time | u32 frame bytes | u32 0 | frame, padded with zeros to a multiple of 8 bytes``, little-endian. The time is
@@ -15,22 +15,24 @@ from __future__ import annotations
 
 import struct
 import zlib
-from collections.abc import Awaitable, Callable, Sequence
+from collections.abc import Awaitable, Callable
 from dataclasses import replace
 from functools import partial
 from typing import Any, Final
 
 import numpy as np
 
-from gateway.adapters.viewer.encoder import EMPTY_SNAPSHOT, Encoder, Update
+from gateway.adapters.viewer.encoder import EMPTY_SNAPSHOT, Encoder, Update, encode_page
 from gateway.adapters.viewer.frames import ALIGNMENT, FrameBuilder, encode
+from gateway.adapters.viewer.light import encode_light
 from gateway.adapters.viewer.messages import RecordedChannel, RecordedImage, RecordingEnd, ViewMessage
 from gateway.adapters.viewer.resources import Resources, channel_values
+from gateway.scene.page.live_page import LivePage
 from gateway.scene.tree.live import Snapshot
-from gateway.scene.tree.sampling import FileTooLargeError, samples
-from gateway.scene.tree.timeline import Timeline
+from gateway.scene.tree.timeline import FileTooLargeError, Timeline, samples
 from renderers.drawlist import ImageError
 from renderers.encode import png_rgba
+from renderers.light_rig import STUDIO, Rig
 
 _RECORD: Final = struct.Struct("<dII")
 MAX_BYTES: Final = 256 << 20
@@ -42,15 +44,18 @@ COMPRESSION_LEVEL: Final = 6
 _GZIP: Final = 16 + zlib.MAX_WBITS
 
 
-class Recorder:
+class PageRecorder:
     """Encodes snapshots as a recording. Not thread-safe."""
 
-    def __init__(self, page_frames: Sequence[bytes], max_bytes: int = MAX_BYTES) -> None:
+    def __init__(self, page: LivePage, max_bytes: int = MAX_BYTES, rig: Rig = STUDIO) -> None:
         """
         Args:
-            page_frames: Frames with the page's light and settings.
+            page: page whose view settings are recorded. Nothing is clickable: clicks would have no receiver.
+            rig: light of the page.
         """
-        self._page_frames = page_frames
+        recorded = LivePage()
+        recorded.view = page.view
+        self._page_frames = (encode_light(rig), encode_page(recorded))
         self._max_bytes = max_bytes
         self._resources = Resources()
         self._encoder = Encoder(self._resources)
@@ -144,7 +149,7 @@ class Recorder:
 
 
 async def record_section(
-    recorder: Recorder,
+    recorder: PageRecorder,
     timeline: Timeline,
     start: int,
     end: int,
@@ -152,7 +157,7 @@ async def record_section(
     to_thread: Callable[..., Awaitable[Any]],
     on_progress: Callable[[float], None] = lambda done: None,
 ) -> bytes:
-    """Return the recording of a section of a timeline, in the recorder's format.
+    """Return the recording of a section of a timeline.
 
     Args:
         start: first time, nanoseconds since the epoch.

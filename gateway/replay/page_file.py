@@ -7,17 +7,10 @@ import hashlib
 import html
 import re
 from functools import cache
-from importlib.resources import files
 from typing import Final
 
-from gateway.adapters.viewer.encoder import encode_page
-from gateway.adapters.viewer.light import encode_light
-from gateway.adapters.viewer.recording import MAX_BYTES, Recorder
-from gateway.scene.page.live_page import LivePage
-from renderers.light_rig import STUDIO, Rig
+from gateway.adapters.viewer.config import STATIC
 
-STATIC: Final = files("gateway.adapters.viewer") / "static"
-"""Folder with the files of the page, built from ``web``."""
 RECORDING_ID: Final = "recording"
 """Id of the element with the recording, by which the page finds it."""
 _SCRIPT_TAG: Final = re.compile(r"<script [^<>]*></script>")
@@ -25,27 +18,6 @@ _STYLE_TAG: Final = re.compile(r'<link rel="stylesheet"[^>]*>')
 _ASSET: Final = re.compile(r'/assets/([^/"]+)"')
 _SCRIPT_END: Final = re.compile(r"<(/script|!--)", re.IGNORECASE)
 """Texts in a script that HTML takes for its end, or for the begin of a comment that may hide its end."""
-
-
-class SceneFileWriter(Recorder):
-    """Writes states of the scene as one HTML file. Not thread-safe."""
-
-    def __init__(self, page: LivePage, view: str = "", max_bytes: int = MAX_BYTES, rig: Rig = STUDIO) -> None:
-        """
-        Args:
-            page: page whose view settings the file has. Nothing is clickable: clicks in a file have no receiver.
-            view: as for ``scene_html``.
-            max_bytes: limit of the recording.
-            rig: light of the page.
-        """
-        recorded = LivePage()
-        recorded.view = page.view
-        super().__init__((encode_light(rig), encode_page(recorded)), max_bytes)
-        self._view = view
-
-    def finish(self, end: int) -> bytes:
-        """Return the file. Arguments as for ``Recorder``."""
-        return scene_html(super().finish(end), self._view)
 
 
 def scene_html(recording: bytes, view: str = "") -> bytes:

@@ -13,10 +13,10 @@ from typing import Final, TypeVar
 
 from gateway.files.assets.mesh_files import MeshFiles
 from gateway.replay.checkpoints import Checkpoints
-from gateway.replay.incomplete_messages import IncompleteMessages
-from gateway.replay.replay import LogReplay, cost_of
-from gateway.replay.scan import LogSummary, scan_log
+from gateway.replay.log_replay import IncompleteMessages, LogReplay, cost_of
+from gateway.replay.log_scan import LogSummary, scan_log
 from gateway.scene.tree.live import Snapshot
+from gateway.scene.tree.timeline import Timeline
 from scenegate.closing import Closing
 
 Result = TypeVar("Result")
@@ -56,8 +56,8 @@ def open_log(
     return LogTimeline(path, files or MeshFiles(()), scan_log(path, on_progress))
 
 
-class LogTimeline(Closing):
-    """States of the tree over the time of a log. It satisfies ``gateway.scene.tree.timeline.Timeline``.
+class LogTimeline(Closing, Timeline):
+    """States of the tree over the time of a log.
 
     Used in one event loop, except ``incomplete`` and ``progress``. The index and the replays change only in the
     timeline's own thread; the event loop reads them meanwhile.
@@ -74,8 +74,6 @@ class LogTimeline(Closing):
             OSError: the log cannot be read.
         """
         self.summary = summary
-        self.incomplete = IncompleteMessages()
-        """Messages that could not be shown completely, of the part that was indexed."""
         self.path, self._files = path, files
         self._checkpoints = checkpoints or Checkpoints()
         self._indexer = LogReplay(path, files)
@@ -92,6 +90,11 @@ class LogTimeline(Closing):
     def span(self) -> tuple[int, int]:
         """First and last time of the log."""
         return self.summary.span
+
+    @property
+    def incomplete(self) -> IncompleteMessages:
+        """Messages that could not be shown completely, of the part that was indexed."""
+        return self._indexer.incomplete
 
     @property
     def progress(self) -> float:
@@ -132,10 +135,6 @@ class LogTimeline(Closing):
             await self._in_thread(self._index_slice)
             on_progress(self.progress)
 
-    def held(self) -> LogTimeline:
-        """Return this timeline: the states of a log stay."""
-        return self
-
     def simulation_seconds_at(self, time_ns: int) -> float | None:
         """Return the time of Drake's simulation, seconds, at a time of the log; None if none is known."""
         index = bisect_right(self._simulation_times, time_ns) - 1
@@ -164,9 +163,7 @@ class LogTimeline(Closing):
         indexer = self._indexer
         deadline = time.perf_counter() + SLICE_SECONDS
         while (event := indexer.next_event) is not None:
-            reasons = indexer.step()
-            if reasons:
-                self.incomplete.add(event.channel, reasons)
+            indexer.step()
             self._note_simulation_time()
             self._cost_since_checkpoint += cost_of(event)
             if self._cost_since_checkpoint >= self._checkpoints.interval:

@@ -1,7 +1,5 @@
 """Recordings lead a page to the state at each time, from the start and from each keyframe."""
 
-from __future__ import annotations
-
 import asyncio
 import io
 from typing import Any
@@ -10,21 +8,18 @@ import numpy as np
 import pytest
 from PIL import Image as Pillow
 
-from gateway.adapters.viewer.encoder import encode_page
-from gateway.adapters.viewer.recording import MAX_BYTES, Recorder, record_section
 from gateway.adapters.viewer.resources import sample_order
+from gateway.replay.page_recorder import MAX_BYTES, PageRecorder, record_section
 from gateway.scene.page.live_page import LivePage
 from gateway.scene.tree.geometry import Part, PointCloud
 from gateway.scene.tree.live import LiveTree, Snapshot
-from gateway.scene.tree.sampling import FileTooLargeError
+from gateway.scene.tree.timeline import FileTooLargeError
 from renderers.drawlist import Material, Texture
 from renderers.images import image_from_bytes
 from scenegate.messages.geometry import Box, Sphere
 from tests.adapters.viewer.model import Model, tree_of
 from tests.adapters.viewer.recordings import SECOND, States, frames_of, headers_of
 from tests.support.view_frames import parse_frame
-
-PAGE = (encode_page(LivePage()),)
 
 
 def moving_scene(count: int) -> States:
@@ -49,7 +44,7 @@ def moving_scene(count: int) -> States:
 
 async def record(states: States, start: int, end: int, rate: float, max_bytes: int = MAX_BYTES) -> bytes:
     """Return the recording of a section."""
-    return await record_section(Recorder(PAGE, max_bytes), states, start, end, rate, asyncio.to_thread)
+    return await record_section(PageRecorder(LivePage(), max_bytes), states, start, end, rate, asyncio.to_thread)
 
 
 async def test_each_update_and_each_keyframe_leads_to_the_state_of_its_time() -> None:
@@ -104,7 +99,7 @@ def test_textures_and_channels_are_in_the_recording() -> None:
         edit.set_parts(("broken",), (Part(Box((1, 1, 1)), broken),))
         edit.set_parts(("box",), (Part(Box((1, 1, 1)), material),))
         edit.set_parts(("cloud",), (Part(PointCloud(points, channels), Material()),))
-    recorder = Recorder(PAGE)
+    recorder = PageRecorder(LivePage())
     recorder.add(0, tree.snapshot)
     recording = recorder.finish(0)
     data: dict[tuple[Any, ...], bytes] = {}
@@ -127,5 +122,5 @@ def test_textures_and_channels_are_in_the_recording() -> None:
 
 async def test_limits_name_what_to_do() -> None:
     states = moving_scene(9)
-    with pytest.raises(FileTooLargeError, match="more than 4000 bytes, which is the limit: record a shorter time"):
+    with pytest.raises(FileTooLargeError, match=r"4000 bytes.* shorter time"):
         await record(states, *states.span, rate=1.0, max_bytes=4000)

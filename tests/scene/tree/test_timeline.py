@@ -1,12 +1,10 @@
 """Samples of a timeline: each change once, and the last state."""
 
-from __future__ import annotations
-
 import pytest
 
 from gateway.scene.tree.live import Snapshot
 from gateway.scene.tree.nodes import Node
-from gateway.scene.tree.sampling import FileTooLargeError, samples
+from gateway.scene.tree.timeline import FileTooLargeError, samples
 from tests.adapters.viewer.recordings import SECOND, States
 
 TREE = Node(children={"box": Node()})
@@ -41,5 +39,5 @@ async def test_the_fraction_that_is_done_ascends_to_one() -> None:
 
 async def test_the_number_of_samples_is_limited() -> None:
     section = samples(STATES, 0, 10 * SECOND, 10, max_samples=100)
-    with pytest.raises(FileTooLargeError, match=r"10\.0 s at 10 Hz are 101 samples of the scene; the limit is 100"):
+    with pytest.raises(FileTooLargeError, match=r"10 Hz .*101 .* 100"):
         await anext(section)

