@@ -10,6 +10,7 @@ from collections.abc import Awaitable, Callable
 from dataclasses import dataclass, field
 from functools import partial
 from typing import Final, NamedTuple
+from weakref import WeakValueDictionary
 
 from gateway.replay.packed_changes import PackedChange, PathIds, pack, unpack
 from gateway.scene.tree.live import LiveTree, Snapshot
@@ -23,6 +24,9 @@ MAX_SEGMENT_SHARE: Final = 0.1
 """Maximum share of ``max_bytes`` after which there is another keyframe, so that a part of the history can go."""
 REBUILT_STATES: Final = 4
 """Number of states that were rebuilt last and are kept: playing rebuilds each from the one before."""
+
+MAX_PINNED: Final = 8
+"""Maximum number of older states that paused pages pin. Each may need a scene's memory."""
 
 
 class _Recorded(NamedTuple):
@@ -88,6 +92,8 @@ class TreeHistory(Timeline):
         self._max_bytes = max_bytes
         self._to_thread = to_thread
         self._clock = clock
+        self._pinned: WeakValueDictionary[int, Snapshot] = WeakValueDictionary()
+        """States that pages show after the span has passed them, by their time."""
         self._lock = threading.Lock()
         self._restart(tree.snapshot)
         self._changed = threading.Event()
@@ -126,6 +132,16 @@ class TreeHistory(Timeline):
     async def snapshot_at(self, timestamp: int) -> Snapshot:
         """Return the state that was valid at a time; times outside the span are clamped."""
         return await self._state_at(timestamp, self._tree.snapshot, self._segments)
+
+    def pin(self, time: int, snapshot: Snapshot) -> bool:
+        """See ``Timeline``."""
+        if time in self._pinned or len(self._pinned) < MAX_PINNED:
+            self._pinned[time] = snapshot
+        return time in self._pinned
+
+    def pinned_at(self, time: int) -> Snapshot | None:
+        """See ``Timeline``. Seconds as float64 are exact to 240 nanoseconds."""
+        return next((each for held, each in list(self._pinned.items()) if abs(held - time) < 1000), None)
 
     def held(self) -> Timeline:
         """Return the states of the present span, which stay as long as the result is used."""

@@ -7,14 +7,16 @@ from collections.abc import Awaitable, Callable
 from typing import Any
 
 import numpy as np
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from gateway.replay.history import TreeHistory
+from gateway.replay.history import MAX_PINNED, TreeHistory
 from gateway.replay.packed_changes import PathIds, pack, unpack
 from gateway.scene.tree.geometry import Part, PointCloud
 from gateway.scene.tree.live import LiveTree, Snapshot
 from gateway.scene.tree.nodes import Node, Path, TreeEdit, changes
+from gateway.scene.tree.timeline import TimeError, state_at
 from renderers.drawlist import Material
 from tests.scene.tree.test_merge import Command, execute
 from tests.support.waiting import wait_until
@@ -254,3 +256,27 @@ def test_unpacked_poses_are_exact() -> None:
     ids = PathIds()
     change = pack(old, later.commit(), ids)
     assert unpack(old, [change], ids).children["a"].pose == pose
+
+
+def test_a_pinned_state_is_found_until_nobody_uses_it() -> None:
+    recorder = Recorder(seconds=10.0)
+    recorder.move(1, 1.0)
+    time, snapshot = recorder.now, recorder.at(recorder.now)
+    recorder.now += 60 * SECOND
+    recorder.move(1, 2.0)
+    with pytest.raises(TimeError):
+        asyncio.run(state_at(recorder.history, time / 1e9))
+    assert recorder.history.pin(time, snapshot)
+    assert asyncio.run(state_at(recorder.history, time / 1e9)) is snapshot
+    del snapshot
+    gc.collect()
+    with pytest.raises(TimeError):
+        asyncio.run(state_at(recorder.history, time / 1e9))
+
+
+def test_number_of_pinned_states_is_limited() -> None:
+    recorder = Recorder()
+    snapshots = [recorder.move(1, float(number)) for number in range(MAX_PINNED + 1)]
+    pinned = [recorder.history.pin(number, snapshot) for number, snapshot in enumerate(snapshots)]
+    assert pinned == [True] * MAX_PINNED + [False]
+    assert recorder.history.pin(0, snapshots[0])

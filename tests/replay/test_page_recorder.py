@@ -81,7 +81,13 @@ async def test_states_between_the_samples_and_unchanged_ones_are_left_out() -> N
     half = await record(states, *states.span, rate=0.5)
     assert [time for time, frame in frames_of(half) if parse_frame(frame)[0]["kind"] == "update"] == [1, 3, 5, 7, 9]
     still = await record(states, SECOND, SECOND, rate=30.0)
-    assert [parse_frame(frame)[0]["kind"] for _, frame in frames_of(still)] == ["page", "mesh", "update", "end"]
+    assert [parse_frame(frame)[0]["kind"] for _, frame in frames_of(still)] == [
+        "light",
+        "page",
+        "mesh",
+        "update",
+        "end",
+    ]
     twice = await record(states, *states.span, rate=2.0)
     assert len(headers_of(twice, "update")) >= 9
     assert frames_of(twice)[-1][0] == 9.0

@@ -109,11 +109,18 @@ class Playback:
         self._changed.set()
 
     def tick(self) -> None:
-        """Send the span to the page, and release a state that is older than the timeline. Called once a second."""
-        if self.mode is Mode.PAUSED and self._position() < self._timeline.span[0]:
+        """Send the span to the page. Called once a second.
+
+        A state that is older than the timeline is pinned for images and files, or else released.
+        """
+        if self.mode is Mode.PAUSED and self._position() < self._timeline.span[0] and not self._pin():
             self._snapshot = None
             self._release()
         self._send(self.frame())
+
+    def _pin(self) -> bool:
+        """Return True if the state stays in the timeline while the page shows it."""
+        return self._snapshot is not None and self._timeline.pin(self._position(), self._snapshot)
 
     def frame(self) -> bytes:
         """Return the frame with mode, position and span, seconds since the epoch, and the time of the simulation."""

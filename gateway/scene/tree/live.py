@@ -22,7 +22,7 @@ _NO_NODE: Final = Node()
 """Stands for a node that does not exist."""
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, weakref_slot=True)
 class Snapshot:
     """A consistent state of the tree."""
 

@@ -38,6 +38,14 @@ class Timeline(Protocol):
         """Return the time of the simulation, seconds, at a time of the timeline; None if it is not known."""
         return None
 
+    def pin(self, time: int, snapshot: Snapshot) -> bool:
+        """Keep the state of a time for ``pinned_at`` while the snapshot is used; False: there are too many."""
+        return True
+
+    def pinned_at(self, time: int) -> Snapshot | None:
+        """Return a pinned state although the span has passed it, or None."""
+        return None
+
     def held(self) -> Timeline:
         """Return the states of the present span, which stay as long as the result is used."""
         return self
@@ -103,6 +111,8 @@ async def state_at(timeline: Timeline | None, seconds: float) -> Snapshot:
     first, last = timeline.span
     time = round(seconds * 1e9) + (last if copysign(1.0, seconds) < 0 else 0)
     if not first <= time <= last:
+        if (snapshot := timeline.pinned_at(time)) is not None:
+            return snapshot
         raise TimeError(
             f"time={seconds:.15g} is {_text(time)}; the history has {_text(first)} to {_text(last)}, "
             f"the last {(last - first) / 1e9:.1f} seconds"

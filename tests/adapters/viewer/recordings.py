@@ -9,13 +9,14 @@ from dataclasses import dataclass
 from typing import Any
 
 from gateway.scene.tree.live import Snapshot
+from gateway.scene.tree.timeline import Timeline
 from tests.support.view_frames import parse_frame
 
 SECOND = 1_000_000_000
 
 
 @dataclass
-class States:
+class States(Timeline):
     """A timeline of given states."""
 
     snapshots: list[Snapshot]

@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 
-from gateway.adapters.viewer.browser import Browser, BrowserState
+from gateway.adapters.viewer.browser import Browser
 from gateway.adapters.viewer.hub import ViewHub
 from gateway.adapters.viewer.messages import TimeCommand
 from gateway.adapters.viewer.sources import StereoRig
@@ -17,6 +17,7 @@ from gateway.replay.history import TreeHistory
 from gateway.scene.tree.geometry import Part
 from gateway.scene.tree.live import LiveTree, Snapshot
 from gateway.scene.tree.nodes import Node, TreeEdit
+from gateway.scene.tree.timeline import Timeline, state_at
 from renderers.drawlist import Material
 from scenegate.messages.geometry import Box
 from tests.adapters.viewer.model import Model, tree_of
@@ -59,7 +60,7 @@ class Page:
                     self.browser.acknowledge()
 
 
-class Log:
+class Log(Timeline):
     """A timeline without a live end: the box is at x = 0, 1, 2 … at each second."""
 
     def __init__(self, count: int) -> None:
@@ -244,11 +245,13 @@ async def test_a_page_keeps_a_moment_that_the_history_has_dropped(scene: Scene) 
         edit.delete(("box",))
         edit.set_parts(("ball",), (Part(Box((2, 2, 2)), Material()),))
     scene.history.record()
-    await page.until(lambda: page.browser.state is BrowserState.RELEASED)
+    await page.until(lambda: page.time["position"] < page.time["first"] - 50.0)
     del page.kinds[:]
     await page.until(lambda: page.time["position"] < page.time["first"] - 50.0 and page.kinds.count("time") > 2)
     assert page.x == 1.0
     assert not {"update", "forget"} & set(page.kinds)
+    rendered = await state_at(scene.history, page.time["position"])
+    assert tree_of(rendered.root) == page.model.tree()
     page.send("live")
     await page.until(lambda: page.model.tree() == tree_of(scene.tree.snapshot.root))
 

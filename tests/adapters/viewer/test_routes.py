@@ -34,6 +34,7 @@ from gateway.scene.draw.style import Style
 from gateway.scene.tree.geometry import Part, PointCloud
 from gateway.scene.tree.live import LiveTree, Snapshot
 from gateway.scene.tree.nodes import Node
+from gateway.scene.tree.timeline import Timeline
 from renderers.camera import Camera
 from renderers.compiler import pending
 from renderers.drawlist import DrawList, Image, ImageError, Material
@@ -135,7 +136,7 @@ async def test_page_and_assets_are_served_with_caching_headers(world: World) -> 
         assert (await world.http.get(f"/view/assets/{path}")).status_code == 404
 
 
-class Past:
+class Past(Timeline):
     """A timeline with one state."""
 
     span = (1000 * SECOND, 1010 * SECOND)
