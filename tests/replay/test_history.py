@@ -4,6 +4,7 @@ import asyncio
 import gc
 import weakref
 from collections.abc import Awaitable, Callable
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -261,7 +262,7 @@ def test_unpacked_poses_are_exact() -> None:
 def test_a_pinned_state_is_found_until_nobody_uses_it() -> None:
     recorder = Recorder(seconds=10.0)
     recorder.move(1, 1.0)
-    time, snapshot = recorder.now, recorder.at(recorder.now)
+    time, snapshot = recorder.now, replace(recorder.at(recorder.now))
     recorder.now += 60 * SECOND
     recorder.move(1, 2.0)
     with pytest.raises(TimeError):
