@@ -85,7 +85,7 @@ class RenderOptions:
         list[str] | None,
         Option(
             metavar="CAMERA",
-            help='fit; path:["robot", "head"] (the frame of a node); eye=x,y,z;target=x,y,z;up=x,y,z;fovy=degrees, '
+            help='fit; path:["robot", "head"] (the frame of a node); eye=x,y,z; target=x,y,z; up=x,y,z; fovy=degrees, '
             "or xmag=metres in place of fovy for an orthographic camera. "
             "Can be repeated. Default: the file's first camera, or fit.",
         ),
@@ -170,7 +170,7 @@ class RenderOptions:
         Option(metavar="NAME:=VALUE", help="Value of an argument of a xacro file, $(arg NAME). Can be repeated."),
     ] = None
     variant: Annotated[
-        str, Option(metavar="NAME", help="Variant of the materials of glTF files (KHR_materials_variants).")
+        str, Option(metavar="NAME", help="Variant of the materials of glTF files that have several.")
     ] = ""
     keyframe: Annotated[str, Option(metavar="NAME", help="Keyframe of an MJCF file, which has the joints' values.")] = (
         ""
