@@ -10,14 +10,7 @@ from gateway.cli import first_line
 
 
 def main(arguments: Sequence[str]) -> None:
-    """Run a command; the entry points of ``scenegate.commands`` call this.
-
-    Args:
-        arguments: Name of the command, and its arguments.
-
-    Raises:
-        SystemExit: The command has an exit code.
-    """
+    """Run a command with its arguments; the entry points of ``scenegate.commands`` call this. Raises SystemExit."""
     if list(arguments[:1]) == ["serve"]:
         signal.signal(signal.SIGTERM, lambda *_: sys.exit(0))  # until the server handles it
     first_line.write(arguments)

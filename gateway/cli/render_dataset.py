@@ -24,14 +24,10 @@ LOG_SECONDS: Final = 10.0
 
 
 def render_dataset(job: Job, cores: int, ray: str | None) -> bool:
-    """Create or complete a dataset. Return True if all samples could be rendered.
+    """Create or complete a dataset on cores of this machine, or on the Ray cluster at an address.
 
-    Args:
-        cores: number of cores of this machine to use.
-        ray: address of a Ray cluster to use instead.
-
-    Raises:
-        ValueError, OSError, RuntimeError: the run could not be started; the message is one sentence.
+    Returns True if all samples could be rendered. Raises ValueError, OSError or RuntimeError, a sentence, if it cannot
+    start.
     """
     signal.signal(signal.SIGTERM, signal.default_int_handler)  # stop like Ctrl+C
     execute = partial(run_local, cores=cores) if ray is None else partial(run_ray, address=ray)

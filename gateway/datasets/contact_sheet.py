@@ -63,9 +63,7 @@ document.querySelector("select").onchange = (event) => {
 def contact_sheet(dataset: Dataset, count: int) -> str:
     """Return an HTML page of up to ``count`` random samples, the same ones for each call.
 
-    Raises:
-        RecordError: a line of the manifest cannot be read.
-        ValueError: the dataset has no samples.
+    Raises RecordError, or ValueError if the dataset has no samples.
     """
     if not len(dataset):
         raise ValueError(f"{dataset.folder} has no samples")

@@ -99,10 +99,8 @@ class Job:
         return views[index + 1]
 
     def tasks(self, is_done: Callable[[int], bool], renderer_digest: str) -> list[Task]:
-        """Return tasks for the samples that do not exist yet, in the order of the scenes.
-
-        Args:
-            is_done: returns True if the sample with a number exists.
+        """Return tasks for the samples that do not exist (``is_done`` of their number is False), in the order of the
+        scenes.
         """
         tasks: list[Task] = []
         for first_number, source in self._first_numbers.values():
@@ -184,15 +182,10 @@ def make_job(
     timeout: float = 0.0,
     classes: ClassTable = NO_CLASSES,
 ) -> Job:
-    """Return the job for a command line. Arguments that are not listed are fields of ``Job``.
+    """Return the job for a command line, with the views of the camera file.
 
-    Args:
-        views: views from the command line. If there are no default views at all, each scene has one: its file's first
-            camera, or ``fit``.
-        cameras: views from the camera file.
-
-    Raises:
-        DatasetError: two views have the same name, or the camera file names a scene that does not exist.
+    If there are no default views at all, each scene has one: its file's first camera, or ``fit``. Raises DatasetError
+    if two views have the same name, or the camera file names a scene that does not exist.
     """
     default_views = (*views, *cameras.default_views) or (View("default", None),)
     name, count = Counter(view.name for view in default_views).most_common(1)[0]

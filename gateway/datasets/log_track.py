@@ -20,16 +20,8 @@ from gateway.scene.tree.transforms import Matrix, quaternions_of
 def track_csv_of_log(log: Path, node: TreePath) -> str:
     """Return the poses of a node in the world as CSV, at the times at which they change.
 
-    Times are seconds since the log's first message.
-
-    Args:
-        log: LCM log with messages of tree viewer clients or of Drake.
-        node: path of the node.
-
-    Raises:
-        DatasetError: the log never has the node, or its pose is not finite.
-        EventLogError: the file is not an LCM log.
-        OSError: the file cannot be read.
+    Times are seconds since the log's first message. Raises DatasetError if the log never has the node or its pose is
+    not finite, EventLogError or OSError.
     """
     out = io.StringIO()
     writer = csv.writer(out, lineterminator="\n")

@@ -20,11 +20,8 @@ TASKS_PER_CORE: Final = 2
 def run_ray(tasks: list[Task], address: str) -> Iterator[Result]:
     """Yield the results of tasks in the order in which they finish.
 
-    Args:
-        address: address of the cluster (``HOST:6379``, ``ray://HOST:10001``, ``auto``), or ``local`` to start one.
-
-    Raises:
-        DatasetError: Ray is not installed, or there is no cluster at the address.
+    ``address``: that of the cluster (``HOST:6379``, ``ray://HOST:10001``, ``auto``), or ``local`` to start one. Raises
+    DatasetError if Ray or the cluster is not there.
     """
     try:
         import ray

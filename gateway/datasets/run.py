@@ -77,11 +77,7 @@ class Journal:
     """
 
     def __init__(self, job: Job, file: BinaryIO) -> None:
-        """Create an empty journal.
-
-        Args:
-            file: empty file, open for reading and writing.
-        """
+        """Create an empty journal in an empty file that is open for reading and writing."""
         self._job = job
         self._file = file
         self._end_offset = 0
@@ -121,14 +117,9 @@ class Journal:
 
 
 def run(job: Job, run_tasks: TaskRunner, report: Callable[[Progress], None]) -> Progress:
-    """Render the samples of a job that its folder does not have.
+    """Render the samples of a job that its folder does not have; ``report`` is called at the start and after each task.
 
-    Args:
-        report: called at the start and after each task.
-
-    Raises:
-        DatasetError: the folder has other files or another dataset, or another run writes to it.
-        OSError: the dataset cannot be written.
+    Raises DatasetError if the folder has other files, another dataset or another run; OSError if it cannot be written.
     """
     job.out.mkdir(parents=True, exist_ok=True)
     with locked(job.out):

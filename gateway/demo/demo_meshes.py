@@ -14,12 +14,7 @@ from renderers.tubes import tube
 
 
 def tile(half_side: float, repeats: float) -> Mesh:
-    """Return a square at z = 0, centred on the origin.
-
-    Args:
-        half_side: half the length of a side, metres.
-        repeats: number of copies of the texture along each side.
-    """
+    """Return a square at z = 0, centred on the origin, with copies of the texture along each side."""
     return rectangle(2.0 * half_side, 2.0 * half_side, repeats)
 
 

@@ -75,13 +75,10 @@ class TreeHistory(Timeline):
         to_thread: Callable[[Callable[[], Snapshot]], Awaitable[Snapshot]],
         clock: Callable[[], int] = time.time_ns,
     ) -> None:
-        """Create a history that begins now.
+        """Create a history of the last seconds that begins now. Beyond ``max_bytes``, estimated, the oldest states go
+        first.
 
-        Args:
-            seconds: Time for which states are kept.
-            max_bytes: Maximum memory, estimated. The oldest states are dropped first.
-            to_thread: Calls a function in another thread, as ``asyncio.to_thread``.
-            clock: Returns nanoseconds since the epoch.
+        ``to_thread`` is as ``asyncio.to_thread``; ``clock`` returns nanoseconds since the epoch.
         """
         self._tree = tree
         self._kept_nanoseconds = round(seconds * 1e9)
@@ -135,11 +132,8 @@ class TreeHistory(Timeline):
         return _HeldHistory(span, partial(self._state_at, newest=newest, segments=segments))
 
     async def _state_at(self, timestamp: int, newest: Snapshot, segments: deque[_Segment]) -> Snapshot:
-        """Return the state that was valid at a time.
-
-        Args:
-            newest: State after those of the segments.
-            segments: Those that were recorded, or those of a held history.
+        """Return the state of a time among those of the segments (recorded or held), or ``newest``, which is after
+        them.
         """
         if timestamp >= newest.timestamp:
             return newest

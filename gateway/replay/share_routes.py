@@ -49,9 +49,7 @@ def share_router(
 ) -> APIRouter:
     """Return the routes of this module. One file is written at a time.
 
-    Args:
-        history: recent states of the tree; None: there are none, and files have the newest state.
-        max_bytes: limit of a recording.
+    ``history``: recent states of the tree; None: files have the newest state. ``max_bytes``: limit of a recording.
     """
     router = APIRouter(tags=["Browser view"], route_class=PlainErrorRoute)
     one_at_a_time = asyncio.Lock()

@@ -55,11 +55,7 @@ class Entry:
         return self.state
 
     def describe(self, *, details: bool = True) -> dict[str, Any]:
-        """Return plain JSON values.
-
-        Args:
-            details: False: only state and port. Problems, addresses and figures can contain paths and clients' data.
-        """
+        """Return plain JSON values; without details only state and port: others can contain paths and clients' data."""
         described: dict[str, Any] = {"state": self.current().value}
         if not details:
             port = self.figures().get("port") if self.figures is not None and self.state is State.READY else None

@@ -30,8 +30,7 @@ class Lines:
     def __init__(self, path: Path) -> None:
         """Open a file, and find the starts of its lines.
 
-        Raises:
-            RecordError: the file is not readable, a line exceeds ``MAX_LINE_BYTES``, or the last line has no newline.
+        Raises RecordError if it is not readable, a line exceeds ``MAX_LINE_BYTES``, or the last line has no newline.
         """
         self._path = path
         self._descriptor = self._open()

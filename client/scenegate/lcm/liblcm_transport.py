@@ -30,8 +30,7 @@ class LiblcmTransport:
     def __init__(self, url: str, pattern: str, max_queued_bytes: int) -> None:
         """Join the network, and receive the channels of a regular expression.
 
-        Raises:
-            LcmUnavailableError: liblcm cannot be loaded, or refuses the URL or the pattern.
+        Raises LcmUnavailableError if liblcm cannot be loaded, or refuses the URL or the pattern.
         """
         self.url = url
         self.queue = ReceiveQueue(max_queued_bytes)
@@ -88,8 +87,7 @@ class LiblcmTransport:
 def _connect(url: str) -> Any:
     """Return a new LCM object, connected to the network.
 
-    Raises:
-        LcmUnavailableError: liblcm cannot be loaded, too many files are open, or it refuses the URL.
+    Raises LcmUnavailableError if liblcm cannot be loaded or refuses the URL, or too many files are open.
     """
     try:
         import lcm

@@ -31,13 +31,9 @@ def channel_pattern(prefixes: tuple[str, ...]) -> str:
 
 
 def open_transport(url: str, prefixes: tuple[str, ...], limits: TransportLimits) -> Transport:
-    """Return the transport that connects to the network at ``url``.
+    """Return the transport that connects to the network at ``url``. Raises LcmUnavailableError.
 
-    Args:
-        prefixes: starts of the channel names to receive. One that ends with ``WHOLE_NAME`` is a whole name.
-
-    Raises:
-        LcmUnavailableError: the transport cannot be opened.
+    ``prefixes``: starts of the channel names to receive. One that ends with ``WHOLE_NAME`` is a whole name.
     """
     try:
         check_lcm_url(url)

@@ -54,17 +54,9 @@ async def record(
 ) -> None:
     """Write messages to a log until ``stop`` is set. Each message is flushed to the file at once.
 
-    Args:
-        path: log file; replaced if it exists, once the network is joined.
-        url: LCM URL; None: the environment variable LCM_DEFAULT_URL, or else LCM's default.
-        channels: regular expression that must match the whole channel name.
-        progress: counts the recorded events.
-        stop: ends the recording.
-        on_ready: called when the recording has started.
-    Raises:
-        LcmUnavailableError, ConnectionError: the network cannot be joined.
-        OSError: the file cannot be written.
-        ValueError: ``channels`` is not a regular expression.
+    The file is replaced once the network of the URL (None: LCM_DEFAULT_URL, or LCM's default) is joined; then
+    ``on_ready`` is called. ``channels`` must match the whole channel name. Raises LcmUnavailableError, ConnectionError,
+    OSError, or ValueError if ``channels`` is no regular expression.
     """
     pattern = _pattern(channels)
     write_error: OSError | None = None
@@ -109,19 +101,11 @@ class PlayOptions:
 
 
 async def play(path: Path, url: str | None, options: PlayOptions, progress: Progress) -> None:
-    """Publish a log's messages, with the time between them as recorded.
+    """Publish a log's messages, with the time between them as recorded. URL as for ``record``.
 
-    Args:
-        path: log file.
-        url: LCM URL; None: the environment variable LCM_DEFAULT_URL, or else LCM's default.
-        options: what is played, and how fast.
-        progress: counts the played events, from 0.
-    Raises:
-        LcmUnavailableError, ConnectionError: the network cannot be joined.
-        EventLogError: the file is not an LCM log.
-        OSError: the file cannot be read, or the connection is lost.
-        ValueError: ``options.channels`` is not a regular expression or matches no channel, a channel name or message
-            does not fit into the network, or the log ends before the section.
+    Raises LcmUnavailableError, ConnectionError, EventLogError or OSError; ValueError if ``options.channels`` is no
+    regular expression or matches no channel, a name or message does not fit into the network, or the log ends before
+    the section.
     """
     pattern = _pattern(options.channels)
     async with _open_connected(url) as transport:
@@ -174,11 +158,7 @@ async def _play_once(
 
 
 def _pattern(channels: str) -> re.Pattern[str]:
-    """Return the pattern of ``--channels``.
-
-    Raises:
-        ValueError: it is not a regular expression.
-    """
+    """Return the pattern of ``--channels``. Raises ValueError if it is not a regular expression."""
     try:
         return re.compile(channels)
     except re.error as error:

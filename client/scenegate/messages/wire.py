@@ -59,8 +59,7 @@ class Comms(msgspec.Struct, frozen=True, gc=False):
 def decode(message: bytes | memoryview) -> Comms:
     """Decode an LCM message. Bytes after its end are ignored, as in LCM.
 
-    Raises:
-        WireError: the fingerprint or the header is invalid, so no response is possible.
+    Raises WireError if the fingerprint or the header is invalid, so no response is possible.
     """
     view = memoryview(message)
     size = len(view)

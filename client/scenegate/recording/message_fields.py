@@ -66,9 +66,7 @@ def image(value: CameraImage) -> Fields:
 def packed_points(cloud: Cloud, channels: tuple[int, int, int], alpha: int) -> NDArray[np.void]:
     """Return the points of a cloud as records: float32 x, y, z, and four bytes if the cloud has colours.
 
-    Args:
-        channels: channels of the colours in the first three bytes.
-        alpha: fourth byte.
+    The first three bytes are these channels of the colours, the fourth is ``alpha``.
     """
     columns: list[tuple[str, str, tuple[int, ...]]] = [("points", "<f4", (3,))]
     if cloud.colors is not None:

@@ -42,10 +42,7 @@ class CloudTopics:
     """Topics of the scene's point clouds. Thread-safe."""
 
     def __init__(self, warn: Callable[[str], object] = lambda text: None) -> None:
-        """
-        Args:
-            warn: called with the first sentence of ``warnings``.
-        """
+        """``warn`` is called with the first sentence of ``warnings``."""
         self._lock = threading.Lock()
         self._topics: dict[str, str] = {}
         """Topics by frame. ``_lock`` guards it."""
@@ -91,12 +88,8 @@ class Profile:
     """Converts values to encoded messages, with ``foxglove_messages`` or ``ros2_messages``."""
 
     def __init__(self, name: ProfileName, warn: Callable[[str], object] = lambda text: None) -> None:
-        """
-        Args:
-            warn: called with a sentence about point clouds that are left out.
-
-        Raises:
-            ImportError: packages of the profile are not installed.
+        """``warn`` is called with a sentence about point clouds that are left out. Raises ImportError without the
+        packages.
         """
         self.mcap_profile = "ros2" if name == "ros2" else ""
         """Profile in the header of MCAP files."""

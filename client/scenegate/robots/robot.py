@@ -105,14 +105,11 @@ class Robot(Generic[PartType]):
     is first."""
 
     def joint_values(self, values: Mapping[str, JointValue]) -> dict[str, tuple[float, ...]]:
-        """Return the values of all joints.
+        """Return the values of all joints. Those without a value follow the joint that they mimic, or have their
+        defaults.
 
-        Args:
-            values: Values by joint name. Other joints follow the joint that they mimic, or have their defaults.
-
-        Raises:
-            RobotFileError: There is no such joint, or a value has the wrong length, a number that is not finite, or a
-                quaternion of zeros.
+        Raises RobotFileError if there is no such joint, or a value has the wrong length, a number that is not finite,
+        or a quaternion of zeros.
         """
         given = {name: self._value_of(name, value) for name, value in values.items()}
         complete = {}
@@ -124,14 +121,9 @@ class Robot(Generic[PartType]):
         return complete
 
     def link_poses(self, values: Mapping[str, JointValue]) -> NDArray[np.float64]:
-        """Return X_robot_link, (number of links, 4, 4) float64.
+        """Return X_robot_link, (number of links, 4, 4). Values as for ``joint_values``.
 
-        Args:
-            values: See ``joint_values``.
-
-        Raises:
-            RobotFileError: See ``joint_values``; or a pose is not finite, since numbers in the file or the values are
-                too large.
+        Raises RobotFileError as ``joint_values``, or if a pose is not finite, since numbers are too large.
         """
         joint_values = self.joint_values(values)
         with np.errstate(all="ignore"):

@@ -44,11 +44,7 @@ class Packages:
     """
 
     def __init__(self, roots: tuple[Path, ...], clock: Callable[[], float] = time.monotonic) -> None:
-        """
-        Args:
-            roots: Folders to search, with symbolic links resolved. The search follows no links, so it stays below them.
-            clock: Returns the time in seconds.
-        """
+        """``roots``: folders to search, with links resolved. The search follows no links, so it stays below them."""
         self._roots = roots
         self._clock = clock
         self._lock = threading.Lock()

@@ -43,13 +43,9 @@ Drake's, ``spherical`` is PyBullet's."""
 
 
 def parse_urdf(root: Element, use: GeometryUse, limits: RobotFileLimits, warnings: list[str]) -> LinkModel:
-    """Return the content of a URDF document.
+    """Return the content of a URDF document; geometry of the other use is not read.
 
-    Args:
-        use: Geometry to return; the other one is not read.
-
-    Raises:
-        RobotFileError: There are no links, or a limit is exceeded.
+    Raises RobotFileError if there are no links, or a limit is exceeded.
     """
     for element in root.iter():
         for name, text in element.items():

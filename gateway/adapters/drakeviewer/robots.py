@@ -45,13 +45,9 @@ class LoadedRobots:
 
 
 def read_robots(links: tuple[Link, ...], family: str, files: MeshFiles, limits: Limits) -> LoadedRobots:
-    """Read the links of a load message. This opens the mesh files.
+    """Read the links of a load message, and the mesh files. Raises MessageError if a name has too many elements.
 
-    Args:
-        family: family of the channel; links of Drake's ``InertiaVisualizer`` belong to ``INERTIA``.
-
-    Raises:
-        MessageError: A name has too many elements.
+    ``family``: family of the channel; links of Drake's ``InertiaVisualizer`` belong to ``INERTIA``.
     """
     warnings: list[str] = []
     trees: dict[str, TreeEdit] = {family: TreeEdit(Node())}

@@ -24,10 +24,8 @@ class ImageSets(Protocol):
     """A subscription to image sets."""
 
     async def get(self) -> bytes:
-        """Wait for the next set, and return it as the bytes of an ``ImageSet`` of the camera's gRPC interface.
-
-        Raises:
-            RuntimeError: the camera gives no more sets; the message is the reason.
+        """Wait for the next set of the gRPC interface, and return it encoded. Raises RuntimeError, with the reason, at
+        the end.
         """
 
 
@@ -42,8 +40,6 @@ class CameraSource(Protocol):
         """Return the camera's parameters, ``node.name``."""
 
     def subscribe(self, left: bool, right: bool, disparity: bool) -> AbstractContextManager[ImageSets]:
-        """Return a subscription to sets of these images for the duration of the block.
-
-        Raises:
-            RuntimeError: the camera gives no sets; the message is the reason.
+        """Return a subscription for the duration of the block. Raises RuntimeError, with the reason, if there are no
+        sets.
         """

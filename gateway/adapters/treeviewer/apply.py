@@ -163,8 +163,7 @@ class PageClient:
 def update_page(page: LivePage, request: Request, client: PageClient | None, utime: int) -> None:
     """Execute a request's commands for the page; add a failure to the request for each that cannot be executed.
 
-    Args:
-        client: the sender; None if it cannot receive messages of the page.
+    ``client``: the sender; None if it cannot receive messages of the page.
     """
     if request.view is not None:
         page.change_view(request.view)

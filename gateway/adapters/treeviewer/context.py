@@ -25,8 +25,7 @@ class MeshLoader(Protocol):
     def load(self, filename: str, scale: tuple[float, float, float], warnings: list[str]) -> tuple[Part, ...]:
         """Return the parts of a mesh file, scaled along x, y, z. Append warnings about its content.
 
-        Raises:
-            ValueError: the file cannot be loaded; the attribute ``missing`` is True if it does not exist.
+        Raises ValueError if it cannot be loaded; the attribute ``missing`` is True if it does not exist.
         """
         ...
 

@@ -90,11 +90,10 @@ class DurableStore(Protocol):
         """True if too many responses wait for the storage to apply further requests."""
 
     def call_when_stored(self, done: Callable[[str], None], size: int) -> None:
-        """Call ``done`` on the event loop when all edits so far are stored, or storing them has failed.
+        """Call ``done`` on the event loop when all edits so far are stored (an empty string), or with the reason why
+        not.
 
-        Args:
-            done: called with the reason of a failure, or an empty string.
-            size: bytes of memory that the waiting response takes.
+        ``size``: bytes of memory that the waiting response takes.
         """
 
 

@@ -48,11 +48,7 @@ _cached_properties: Final[WeakCache[Image, tuple[int, int, bool]]] = WeakCache("
 
 
 def read_image(value: Any, name: str, limits: Limits) -> CheckedImage:
-    """Return the image in the field ``name``.
-
-    Raises:
-        CommandError: the image cannot be decoded, or exceeds a limit.
-    """
+    """Return the image in the field ``name``. Raises CommandError if it cannot be decoded, or exceeds a limit."""
     try:
         if isinstance(value, PackedArray):
             data = png_rgba(_rgba(value.pixels(limits.image_pixels)))
@@ -68,10 +64,8 @@ def read_image(value: Any, name: str, limits: Limits) -> CheckedImage:
 
 
 def check_image(data: bytes, max_pixels: int) -> CheckedImage:
-    """Return the image in an encoded file. The first call for a file decodes it.
-
-    Raises:
-        ImageError: the file cannot be decoded, or has too many pixels.
+    """Return the image in an encoded file, which the first call decodes. Raises ImageError if that fails, or it is too
+    large.
     """
     image = image_from_bytes(data, max_pixels=max_pixels)
     properties = _cached_properties.get(image)

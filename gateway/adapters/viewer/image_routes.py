@@ -57,11 +57,7 @@ class JpegQuery(ColorQuery):
     )
 
     def image_request(self, config: ViewerConfig, default_look: LookName) -> ImageRequest:
-        """Return the image that these parameters describe.
-
-        Raises:
-            RequestValidationError: it is too large.
-        """
+        """Return the image that these parameters describe. Raises RequestValidationError if it is too large."""
         width, height = self.size(config.width, config.height, config.max_side, config.max_pixels)
         return ImageRequest(
             camera=self.camera_spec,

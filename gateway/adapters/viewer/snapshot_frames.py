@@ -14,10 +14,7 @@ class SnapshotFrames:
     """Encodes what changes from one snapshot to the next. Not thread-safe."""
 
     def __init__(self, rig: Callable[[Snapshot], StereoRig | None] = lambda snapshot: None) -> None:
-        """
-        Args:
-            rig: returns the stereo camera in a snapshot.
-        """
+        """``rig`` returns the stereo camera in a snapshot."""
         self._rig = rig
         self._rig_frame = b""
         self._resources = Resources()

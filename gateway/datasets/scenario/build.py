@@ -46,11 +46,7 @@ class BuiltScene:
 
 
 def build_scene(catalogue: Catalogue, choices: SceneChoices, frame: int) -> BuiltScene:
-    """Return a frame of a scene.
-
-    Raises:
-        ScenarioError: a file cannot be used.
-    """
+    """Return a frame of a scene. Raises ScenarioError if a file cannot be used."""
     try:
         return _Builder(catalogue, choices, frame).build()
     except OSError as error:
@@ -63,10 +59,8 @@ def build_scene(catalogue: Catalogue, choices: SceneChoices, frame: int) -> Buil
 def model_names(catalogue: Catalogue) -> frozenset[str]:
     """Return the names of the models of all annotated objects that the scenario may have.
 
-    Models that cannot be loaded have none: they are left out of each scene that draws them, with a note.
-
-    Raises:
-        ScenarioError: the path of a table of models names no file.
+    Models that cannot be loaded have none: they are left out of each scene that draws them, with a note. Raises
+    ScenarioError if a path names no file.
     """
     names: set[str] = set()
     for index, model_table in enumerate(catalogue.scenario.models):

@@ -128,9 +128,7 @@ class SceneChoices(Choice, frozen=True, kw_only=True):
 def choices_of(record: Any, catalogue: Catalogue, number: int) -> SceneChoices:
     """Return the choices in ``SceneRecord.scenario`` of the scene with a number.
 
-    Raises:
-        ValidationError: a value is beyond its limits.
-        ScenarioError: a value contradicts the scenario.
+    Raises ValidationError if a value is beyond its limits, ScenarioError if it contradicts the scenario.
     """
     choices = msgspec.convert(record, SceneChoices)
     for problem in _problems(choices, catalogue, number):

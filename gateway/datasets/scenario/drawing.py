@@ -39,8 +39,7 @@ _STREAMS: Final = ("surfaces", "models", "distractors", "places", "cameras", "li
 def draw_choices(catalogue: Catalogue, number: int) -> SceneChoices:
     """Return the choices of a scene. The same scenario, files and number give the same choices.
 
-    Raises:
-        ScenarioError: a file cannot be used, or no object could be placed.
+    Raises ScenarioError if a file cannot be used, or no object could be placed.
     """
     return _Drawing(catalogue, number).choices()
 

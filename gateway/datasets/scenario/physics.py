@@ -36,12 +36,8 @@ def settle(
 ) -> list[NDArray[np.float64] | None]:
     """Return the poses of objects at rest; None for those that still move at the end.
 
-    Args:
-        objects: each object in its own frame, scaled, and its first pose, (4, 4).
-        obstacles: what does not move, in the world.
-
-    Raises:
-        ScenarioError: the package is not installed, or cannot simulate the objects.
+    Each object is in its own frame, scaled, with its first pose; the obstacles do not move. Raises ScenarioError if the
+    package is missing, or cannot simulate them.
     """
     try:
         import mujoco

@@ -111,14 +111,10 @@ def place_on(
     tries: int,
     random: np.random.Generator,
 ) -> NDArray[np.float64] | None:
-    """Return a pose of an object that stands on a surface, apart from all others; None if none was found.
+    """Return a pose of a solid that stands on a surface, apart from the others; None if none was found.
 
-    Args:
-        solid: the object in its own frame, scaled.
-        rotation: (4, 4), its orientation in the world.
-        X_world_surface: (4, 4), the centre of the surface.
-        area: size of the rectangle in which the object must lie, metres.
-        others: objects and surfaces that it must not touch. The surface itself is not among them.
+    ``rotation``: (4, 4), its orientation in the world. ``X_world_surface``: (4, 4), the surface's centre. ``area``:
+    sides of the rectangle in which it must lie, metres. The surface itself is not among the others.
     """
     X_surface_object = np.linalg.inv(X_world_surface) @ rotation
     X_surface_object[:3, 3] = 0.0

@@ -103,15 +103,11 @@ def read_scene_file(
     variant: str | None = None,
     animation: AnimationTime | None = None,
 ) -> SceneFile:
-    """Read a ``.gltf`` or ``.glb`` file.
+    """Read a ``.gltf`` or ``.glb`` file. Raises SceneFileError if it is not readable, not glTF, or beyond a limit.
 
-    Args:
-        up: The file's up axis; ``auto``: Z for documents that Drake merged, else Y by the specification.
-        variant: Name of a variant of KHR_materials_variants; None: the default materials.
-        animation: Animation whose pose the nodes have; None: the pose in which they are stored.
-
-    Raises:
-        SceneFileError: The file is not readable, not glTF, or beyond a limit.
+    ``up``: the file's up axis; ``auto``: Z for documents that Drake merged, else Y by the specification. ``variant``:
+    name of a variant of KHR_materials_variants; None: the default materials. ``animation``: the one whose pose the
+    nodes have; None: the stored pose.
     """
     files = FolderFiles(path)
     with errors_as(SceneFileError, path, GltfError):

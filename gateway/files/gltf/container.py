@@ -34,10 +34,8 @@ class Container:
 
 
 def open_container(data: bytes | bytearray | memoryview) -> Container:
-    """Split a file into its JSON text and its binary data.
-
-    Raises:
-        GltfError: The header or the chunks of a ``.glb`` do not fit its length, or the file is not glTF.
+    """Split a file into its JSON text and its binary data. Raises GltfError if it is not glTF, or does not fit its
+    length.
     """
     file = memoryview(data).cast("B")
     magic = bytes(file[:4])

@@ -35,10 +35,7 @@ class LinkParts:
     """Converts geometry to parts."""
 
     def __init__(self, files: RobotFiles, limits: RobotLimits, warnings: list[str], gltf_up: Literal["y", "z"]) -> None:
-        """
-        Args:
-            gltf_up: Up axis of glTF meshes. Those that Drake merged are Z up in any case.
-        """
+        """``gltf_up``: up axis of glTF meshes. Those that Drake merged are Z up in any case."""
         self._files = files
         self._link_files = LinkFiles(files, warnings, (MeshFormatError, GltfError, ImageError))
         self._warnings = warnings
@@ -65,9 +62,8 @@ class LinkParts:
         return [msgspec.structs.replace(part, X_node_part=X @ part.X_node_part) for part in parts]
 
     def _materials(self, link: str, material: LinkMaterial | None) -> tuple[Material, Material]:
-        """Return two materials: for geometry without texture coordinates, and for geometry with them.
-
-        The first has the texture's mean colour.
+        """Return the material, with the texture's mean colour, for geometry without texture coordinates, and that for
+        others.
         """
         rgba = np.array(color_of(material))
         texture = self._link_files.texture(link, material, self._read_image)

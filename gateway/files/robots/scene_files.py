@@ -64,9 +64,7 @@ DEFAULT_OPTIONS: Final = SceneOptions()
 def read_scene(path: Path, options: SceneOptions = DEFAULT_OPTIONS) -> SceneFile:
     """Read a scene file. A mesh becomes a node with the file's name; a robot becomes a node with a child for each link.
 
-    Raises:
-        SceneFileError: The file or a joint value is invalid, a limit is exceeded, or there is a warning and
-            ``options.strict`` is true. The message names the file.
+    Raises SceneFileError, with the file's name, also for a warning if ``options.strict`` is true.
     """
     scene = _read_by_suffix(path, options)
     if options.strict and (refusal := strict_refusal(scene.warnings)):

@@ -96,8 +96,7 @@ class Database:
     def transact(self, write: Callable[[sqlite3.Connection], bool]) -> bool:
         """Call ``write`` in a transaction; return its result, which is False if it has written nothing.
 
-        Raises:
-            OSError: The file is not the opened one any more.
+        Raises OSError if the file is not the opened one any more.
         """
         if self._current_files() != self._files:
             raise FileNotFoundError(errno.ENOENT, "the state file was deleted or replaced while Scenegate ran")

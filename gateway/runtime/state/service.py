@@ -87,8 +87,7 @@ class PersistentState:
     def add(self, store: Store) -> None:
         """Restore a store, and include it in all further transactions. Takes up to seconds; any thread may call it.
 
-        Raises:
-            StateError: The stored state cannot be read.
+        Raises StateError if the stored state cannot be read.
         """
         try:
             self._stored[store] = store.restore(self.database.connection)
@@ -110,8 +109,7 @@ class PersistentState:
     def call_when_stored(self, on_stored: OnStored, nbytes: int = 0) -> None:
         """Commit all changes so far, then call ``on_stored``. Callbacks run in the order of these calls.
 
-        Args:
-            nbytes: Bytes that the caller holds until the callback.
+        ``nbytes``: bytes that the caller holds until the callback.
         """
         self._waiting.append((on_stored, nbytes))
         self.waiting_bytes += nbytes

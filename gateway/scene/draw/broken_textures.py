@@ -12,15 +12,11 @@ from renderers.drawlist import Image, ImageError, Material, Texture
 
 
 def without_broken_textures(parts: tuple[Part, ...], max_pixels: int, warnings: list[str]) -> tuple[Part, ...]:
-    """Return the parts without textures that cannot be decoded.
+    """Return the parts without textures that cannot be decoded, or are beyond ``max_pixels``; append a warning for
+    each.
 
     A broken texture from one client must not break images for the other clients. Each texture is decoded once as a
-    test; its pixels are not kept.
-
-    Args:
-        max_pixels: Maximum total number of pixels, each different image counted once. A texture beyond it is removed,
-            too.
-        warnings: A sentence is appended for each image that is removed.
+    test; its pixels are not kept. Equal images count once.
     """
     is_usable: dict[Image, bool] = {}
     pixels_left = max_pixels

@@ -120,11 +120,7 @@ class PoseCamera:
 
 
 def parse_camera(text: str) -> CameraSpec:
-    """Parse a camera's text.
-
-    Raises:
-        CameraError: The text does not follow the grammar. The message quotes the part that is wrong.
-    """
+    """Parse a camera's text. Raises CameraError, with the part that is wrong, if it does not follow the grammar."""
     if len(text) > MAX_CAMERA_CHARACTERS:
         raise CameraError(f"camera text has {len(text)} characters, at most {MAX_CAMERA_CHARACTERS} are allowed")
     stripped = text.strip()

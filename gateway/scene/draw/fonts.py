@@ -33,11 +33,7 @@ class Font(Protocol):
     """Characters of the text that the font does not have. They appear as boxes."""
 
     def width(self, line: str, size: int) -> float:
-        """Return the width of a line, pixels.
-
-        Args:
-            size: height from the deepest descender to the highest ascender, pixels.
-        """
+        """Return the width of a line, pixels, if ``size`` is from the deepest descender to the highest ascender."""
 
     def draw(self, lines: Sequence[str], letters: NDArray[np.uint8], margin: int, size: int) -> None:
         """Draw lines below each other into an empty image of coverage, (H, W) uint8. Their height is ``size``."""

@@ -46,14 +46,11 @@ class ClickSubscriptions:
         """Subscriptions by client."""
 
     def subscribe(self, client: Hashable, paths: Sequence[Path], deliver: Callable[[Click], None]) -> str:
-        """Replace the paths of a client. Without paths, the client is forgotten.
+        """Replace the paths of a client, which gets clicks on geometry at and below them; without paths, it is
+        forgotten.
 
-        Args:
-            client: identifies the client.
-            paths: the client gets clicks on geometry at and below these paths.
-            deliver: called with each click. It must not block.
-        Returns:
-            the reason of a refusal, which changes nothing, or an empty string.
+        ``deliver`` is called with each click, and must not block. Returns the reason of a refusal, which changes
+        nothing, or "".
         """
         if len(paths) > self.limits.paths:
             return f"{len(paths)} paths are clickable, the limit for one client is {self.limits.paths}"

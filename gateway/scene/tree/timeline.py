@@ -89,14 +89,9 @@ async def _state_after(timeline: Timeline, snapshot: Snapshot, start: int, last:
 
 
 async def state_at(timeline: Timeline | None, seconds: float) -> Snapshot:
-    """Return the state at a time that a client names.
+    """Return the state at a time that a client names. Raises TimeError if there is none; None: none are kept.
 
-    Args:
-        timeline: None: no states are kept.
-        seconds: seconds since the epoch; if negative, or -0, before the end of the span.
-
-    Raises:
-        TimeError: there is no state of this time.
+    ``seconds``: since the epoch; if negative, or -0, before the end of the span.
     """
     if timeline is None:
         raise TimeError(f"time={seconds:g}: this gateway keeps no history (--history-seconds 0)")
@@ -115,13 +110,8 @@ async def samples(
 ) -> AsyncIterator[Sample]:
     """Yield the first state with a node, and each further sample with another state; if all are empty, the last one.
 
-    Args:
-        start: first time, nanoseconds since the epoch.
-        end: last time. It is the time of the last sample, so that the last state is not missed.
-        rate: samples per second.
-
-    Raises:
-        FileTooLargeError: there are more samples than the limit.
+    The last sample is at ``end``, so that the last state is not missed. ``rate``: samples per second. Raises
+    FileTooLargeError if there are more samples than the limit.
     """
     seconds = (end - start) / 1e9
     count = int(seconds * rate) + 1
