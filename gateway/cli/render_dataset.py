@@ -14,7 +14,7 @@ import typer
 from gateway.datasets.job import Job, Result
 from gateway.datasets.local_tasks import run_local
 from gateway.datasets.ray_tasks import run_ray
-from gateway.datasets.run import Progress, run
+from gateway.datasets.run import RunProgress, run
 from scenegate.cli.output import print_note
 from scenegate.cli.progress_bar import clock_text, progress_bar
 from scenegate.datasets import manifest
@@ -41,12 +41,12 @@ def render_dataset(job: Job, cores: int, ray: str | None) -> bool:
     return not progress.failures
 
 
-def _run_with_progress(job: Job, execute: partial[Iterator[Result]]) -> Progress:
+def _run_with_progress(job: Job, execute: partial[Iterator[Result]]) -> RunProgress:
     """Run the job; show a progress bar on a terminal, else a line every ``LOG_SECONDS``."""
     begin = logged = time.monotonic()
     with progress_bar("Rendering", f"of {job.size} samples", job.size) as bar:
 
-        def report(progress: Progress) -> None:
+        def report(progress: RunProgress) -> None:
             nonlocal logged
             note = f"{len(progress.failures)} failed" if progress.failures else ""
             bar.update(progress.finished, progress.finished, note=note)
@@ -59,7 +59,7 @@ def _run_with_progress(job: Job, execute: partial[Iterator[Result]]) -> Progress
         return run(job, execute, report)
 
 
-def _print_result(out: Path, progress: Progress, seconds: float) -> None:
+def _print_result(out: Path, progress: RunProgress, seconds: float) -> None:
     for note in progress.notes:
         print_note(f"{out}: {note}")
     for name, warnings in sorted(progress.warnings.items()):

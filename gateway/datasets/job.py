@@ -98,18 +98,18 @@ class Job:
             return views[index + 1] if pose.index == next_pose.index else None
         return views[index + 1]
 
-    def tasks(self, is_done: Callable[[int], bool], renderer_digest: str) -> list[Task]:
+    def tasks(self, is_done: Callable[[int], bool], renderer_digest: str) -> list[RenderTask]:
         """Return tasks for the samples that do not exist (``is_done`` of their number is False), in the order of the
         scenes.
         """
-        tasks: list[Task] = []
+        tasks: list[RenderTask] = []
         for first_number, source in self._first_numbers.values():
             if source.problem:
                 continue
             views = range(len(self.views_of(source)))
             missing = [self._planned(first_number, source, k) for k in views if not is_done(first_number + k)]
             tasks.extend(
-                Task(
+                RenderTask(
                     source,
                     tuple(missing[k : k + VIEWS_PER_TASK]),
                     str(self.out),
@@ -140,7 +140,7 @@ class Job:
 
 
 @dataclass(frozen=True, slots=True)
-class Task:
+class RenderTask:
     """Views of one scene that a worker process renders. It is sent to the process by pickle."""
 
     source: Source

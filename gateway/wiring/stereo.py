@@ -39,7 +39,7 @@ from gateway.scene.tree.live import LiveTree, Snapshot
 from gateway.scene.tree.timeline import state_at
 from gateway.wiring import metrics
 from gateway.wiring.context import Context
-from gateway.wiring.provided import Provided, StereoCamera
+from gateway.wiring.provided import Provided, ProvidedCamera
 from gateway.wiring.scene_setting import read_scene_setting
 from gateway.wiring.telemetry import NO_TELEMETRY
 from renderers.drawlist import Light
@@ -112,7 +112,7 @@ def _start_camera(
     mount: Mount,
     scene: LiveTree | None,
     projectors: dict[SceneView, ProjectorSource],
-) -> StereoCamera:
+) -> ProvidedCamera:
     """Start the camera of pipeline ``number``. ``scene``: the one that all cameras see; None: the live tree.
 
     ``projectors``: those that all cameras see; this camera's is added.
@@ -154,7 +154,7 @@ def _start_camera(
     name = f"stereo {number}" if number else "stereo"
     context.run_service(name, service, figures=lambda: _figures(service, view))
     sensor = StereoSensor(service, view, live=live, moves=mount.path is not None)
-    return StereoCamera(service, sensor, lambda snapshot: view.camera(config, snapshot) if live else None)
+    return ProvidedCamera(service, sensor, lambda snapshot: view.camera(config, snapshot) if live else None)
 
 
 def _figures(service: StereoService, view: SceneView) -> dict[str, Any]:

@@ -42,7 +42,7 @@ def run(options: argparse.Namespace) -> None:
         record_mcap.run(options)
         return
     logging.basicConfig(format="scenegate: %(message)s")
-    progress = replay.Progress()
+    progress = replay.LogProgress()
 
     async def record_log() -> None:
         stop = asyncio.Event()

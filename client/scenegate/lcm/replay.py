@@ -33,7 +33,7 @@ YIELD_EVENTS: Final = 64
 
 
 @dataclass(slots=True)
-class Progress:
+class LogProgress:
     """Events recorded or played so far."""
 
     events: int = 0
@@ -48,7 +48,7 @@ async def record(
     path: Path,
     url: str | None,
     channels: str,
-    progress: Progress,
+    progress: LogProgress,
     stop: asyncio.Event,
     on_ready: Callable[[], None] = lambda: None,
 ) -> None:
@@ -100,7 +100,7 @@ class PlayOptions:
     """Regular expression that must match the whole channel name."""
 
 
-async def play(path: Path, url: str | None, options: PlayOptions, progress: Progress) -> None:
+async def play(path: Path, url: str | None, options: PlayOptions, progress: LogProgress) -> None:
     """Publish a log's messages, with the time between them as recorded. URL as for ``record``.
 
     Raises LcmUnavailableError, ConnectionError, EventLogError or OSError; ValueError if ``options.channels`` is no
@@ -122,7 +122,7 @@ async def play(path: Path, url: str | None, options: PlayOptions, progress: Prog
 
 
 async def _play_once(
-    path: Path, transport: Transport, options: PlayOptions, pattern: re.Pattern[str], progress: Progress
+    path: Path, transport: Transport, options: PlayOptions, pattern: re.Pattern[str], progress: LogProgress
 ) -> None:
     """Publish the section's messages once; raise ValueError if it has channels, but none that matches."""
     unmatched: set[str] = set()

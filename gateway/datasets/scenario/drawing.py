@@ -23,7 +23,7 @@ from gateway.datasets.scenario.choices import (
     SurfaceChoice,
 )
 from gateway.datasets.scenario.models import LoadedModel
-from gateway.datasets.scenario.placement import Solid, rotation_of
+from gateway.datasets.scenario.placement import CollisionSolid, rotation_of
 from gateway.datasets.scenario.scenery import lamp_direction
 from gateway.datasets.scenario.tracks import read_track
 from gateway.scene.tree.transforms import translation
@@ -158,7 +158,7 @@ class _Drawing:
             )
             with errors_as(tables.ScenarioError, file, RobotFileError):  # joint values that the model cannot have
                 bodies = model.bodies(choice.joints)
-            solid = Solid(tuple(body * scale for body in bodies))
+            solid = CollisionSolid(tuple(body * scale for body in bodies))
             items.append(SceneItem(table, choice, solid, X_world_object))
         return items
 

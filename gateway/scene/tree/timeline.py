@@ -51,7 +51,7 @@ class FileTooLargeError(ValueError):
     """A file of the scene, or the number of its samples, is above the limit; the message is one sentence."""
 
 
-class Sample(NamedTuple):
+class TimedSnapshot(NamedTuple):
     """State of the scene at a time."""
 
     time: int
@@ -107,7 +107,7 @@ async def state_at(timeline: Timeline | None, seconds: float) -> Snapshot:
 
 async def samples(
     timeline: Timeline, start: int, end: int, rate: float, max_samples: int = MAX_SAMPLES
-) -> AsyncIterator[Sample]:
+) -> AsyncIterator[TimedSnapshot]:
     """Yield the first state with a node, and each further sample with another state; if all are empty, the last one.
 
     The last sample is at ``end``, so that the last state is not missed. ``rate``: samples per second. Raises
@@ -127,7 +127,7 @@ async def samples(
         is_empty = is_empty and not snapshot.root.children and snapshot.root.parts is None
         if snapshot.revision != last_revision and (not is_empty or number == count):
             last_revision = snapshot.revision
-            yield Sample(time, snapshot, number / count)
+            yield TimedSnapshot(time, snapshot, number / count)
 
 
 def _text(time: int) -> str:
