@@ -81,8 +81,7 @@ def is_pipe(path: Path) -> bool:
 def read_file_or_pipe(
     path: str | os.PathLike[str], max_bytes: int = MAX_BYTES, check: Callable[[], object] = lambda: None
 ) -> bytes:
-    """Return the bytes of a file from the command line, which may be a pipe: ``<(xacro …)``. Raises as
-    ``read_regular``.
+    """Return the bytes of a file from the command line, also a pipe: ``<(xacro …)``. Raises as ``read_regular``.
 
     ``check`` is called again and again while it reads; it may raise an exception to cancel it.
     """

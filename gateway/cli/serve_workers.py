@@ -58,9 +58,7 @@ def serve_workers(settings: Settings, listener: socket.socket) -> int:
 
 
 def run_worker(settings: Settings, folder: Path, listener: socket.socket, connection: Connection) -> None:
-    """Serve in one process. ``folder``: shared folder of the processes' reports. ``connection``: that to the
-    supervisor.
-    """
+    """Serve in one process. ``folder``: that of the processes' reports. ``connection``: that to the supervisor."""
     process_tuning.pause_gc()
     process_tuning.end_with_parent()
     for number in TERMINAL_SIGNALS:  # the supervisor handles them, and sends SIGTERM; the server also handles SIGINT

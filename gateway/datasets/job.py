@@ -99,9 +99,7 @@ class Job:
         return views[index + 1]
 
     def tasks(self, is_done: Callable[[int], bool], renderer_digest: str) -> list[RenderTask]:
-        """Return tasks for the samples that do not exist (``is_done`` of their number is False), in the order of the
-        scenes.
-        """
+        """Return tasks for the samples whose number is not ``is_done``, in the order of the scenes."""
         tasks: list[RenderTask] = []
         for first_number, source in self._first_numbers.values():
             if source.problem:

@@ -75,8 +75,7 @@ class TreeHistory(Timeline):
         to_thread: Callable[[Callable[[], Snapshot]], Awaitable[Snapshot]],
         clock: Callable[[], int] = time.time_ns,
     ) -> None:
-        """Create a history of the last seconds that begins now. Beyond ``max_bytes``, estimated, the oldest states go
-        first.
+        """Create a history of the last seconds, from now on. Beyond ``max_bytes``, estimated, the oldest states go.
 
         ``to_thread`` is as ``asyncio.to_thread``; ``clock`` returns nanoseconds since the epoch.
         """
@@ -132,9 +131,7 @@ class TreeHistory(Timeline):
         return _HeldHistory(span, partial(self._state_at, newest=newest, segments=segments))
 
     async def _state_at(self, timestamp: int, newest: Snapshot, segments: deque[_Segment]) -> Snapshot:
-        """Return the state of a time among those of the segments (recorded or held), or ``newest``, which is after
-        them.
-        """
+        """Return the state of a time among those of segments (recorded or held), or ``newest``, which is after them."""
         if timestamp >= newest.timestamp:
             return newest
         with self._lock:

@@ -66,9 +66,7 @@ class LogTimeline(Closing, Timeline):
     def __init__(
         self, path: Path, files: MeshFiles, summary: LogSummary, checkpoints: Checkpoints | None = None
     ) -> None:
-        """``checkpoints``: container for those of the index, still empty; None: one with the default limits. Raises
-        OSError.
-        """
+        """``checkpoints``: empty container of those of the index; None: with the default limits. Raises OSError."""
         self.summary = summary
         self.path, self._files = path, files
         self._checkpoints = checkpoints or Checkpoints()

@@ -120,9 +120,7 @@ class FrameParser:
         return self._scratch_view[self._received_end :]
 
     def received(self, count: int) -> None:
-        """Parse ``count`` bytes that were written to ``buffer()``. Raises FrameError if they are not TCPQ, or exceed a
-        limit.
-        """
+        """Parse ``count`` bytes that were written to ``buffer()``. Raises FrameError for others, or above a limit."""
         if self._big_message is not None:
             self._big_received += count
             if self._big_received == len(self._big_message):

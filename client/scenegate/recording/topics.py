@@ -88,9 +88,7 @@ class Profile:
     """Converts values to encoded messages, with ``foxglove_messages`` or ``ros2_messages``."""
 
     def __init__(self, name: ProfileName, warn: Callable[[str], object] = lambda text: None) -> None:
-        """``warn`` is called with a sentence about point clouds that are left out. Raises ImportError without the
-        packages.
-        """
+        """``warn`` gets a sentence about point clouds that are left out. Raises ImportError without the packages."""
         self.mcap_profile = "ros2" if name == "ros2" else ""
         """Profile in the header of MCAP files."""
         self.clouds = CloudTopics(warn)

@@ -105,8 +105,7 @@ class Robot(Generic[PartType]):
     is first."""
 
     def joint_values(self, values: Mapping[str, JointValue]) -> dict[str, tuple[float, ...]]:
-        """Return the values of all joints. Those without a value follow the joint that they mimic, or have their
-        defaults.
+        """Return the values of all joints. The others follow the joint that they mimic, or have their defaults.
 
         Raises RobotFileError if there is no such joint, or a value has the wrong length, a number that is not finite,
         or a quaternion of zeros.

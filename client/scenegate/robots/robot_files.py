@@ -48,8 +48,7 @@ class RobotFiles:
         check_cancelled: Callable[[], object] = lambda: None,
         xacro_args: Mapping[str, str] | None = None,
     ) -> None:
-        """``path``: the robot file, which may be a pipe. ``roots``: folders to search for packages, and for relative
-        names.
+        """``path``: the robot file, which may be a pipe. ``roots``: folders of packages and relative names.
 
         ``check_cancelled``: called again and again while a pipe is read; may raise an exception to cancel it.
         ``xacro_args``: values of ``$(arg name)`` by name, in the robot file and in what it includes.

@@ -24,8 +24,8 @@ class ImageSets(Protocol):
     """A subscription to image sets."""
 
     async def get(self) -> bytes:
-        """Wait for the next set of the gRPC interface, and return it encoded. Raises RuntimeError, with the reason, at
-        the end.
+        """Wait for the next set of the gRPC interface; return it encoded. Raises RuntimeError, with the reason, at the
+        end.
         """
 
 
@@ -40,6 +40,4 @@ class CameraSource(Protocol):
         """Return the camera's parameters, ``node.name``."""
 
     def subscribe(self, left: bool, right: bool, disparity: bool) -> AbstractContextManager[ImageSets]:
-        """Return a subscription for the duration of the block. Raises RuntimeError, with the reason, if there are no
-        sets.
-        """
+        """Return a subscription for the duration of the block. Raises RuntimeError, with the reason, without sets."""

@@ -90,8 +90,7 @@ class DurableStore(Protocol):
         """True if too many responses wait for the storage to apply further requests."""
 
     def call_when_stored(self, done: Callable[[str], None], size: int) -> None:
-        """Call ``done`` on the event loop when all edits so far are stored (an empty string), or with the reason why
-        not.
+        """Call ``done`` on the event loop when all edits so far are stored: with an empty string, or why not.
 
         ``size``: bytes of memory that the waiting response takes.
         """

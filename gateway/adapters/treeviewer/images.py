@@ -64,9 +64,7 @@ def read_image(value: Any, name: str, limits: Limits) -> CheckedImage:
 
 
 def check_image(data: bytes, max_pixels: int) -> CheckedImage:
-    """Return the image in an encoded file, which the first call decodes. Raises ImageError if that fails, or it is too
-    large.
-    """
+    """Return the image in an encoded file, which the first call decodes. Raises ImageError if it cannot."""
     image = image_from_bytes(data, max_pixels=max_pixels)
     properties = _cached_properties.get(image)
     if properties is None:

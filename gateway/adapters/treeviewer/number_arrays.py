@@ -144,9 +144,7 @@ class NumberArrays:
         return values.astype(np.uint32, order="C")
 
     def grid(self, value: Any, max_numbers: int) -> NDArray[np.float32]:
-        """Return a copy of a field's rows of numbers as float32, (R, C), of any length. Value and errors as for
-        ``floats``.
-        """
+        """Return a copy of a field's rows of any length as float32, (R, C). Value and errors as for ``floats``."""
         first_row = value[0] if isinstance(value, list) and value else None
         columns = len(first_row) if isinstance(first_row, list) else 2
         values = self._values(value, (columns,), max_numbers)

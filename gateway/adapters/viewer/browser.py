@@ -115,8 +115,7 @@ class Browser:
         self._page_meshes.difference_update(mesh_ids)
 
     def drop_snapshot_if_sent_before(self, time: float) -> None:
-        """Release the page's snapshot if its last update was sent before ``time``, on the loop's clock, and is not
-        acknowledged.
+        """Release the page's snapshot if its last update was sent before ``time`` and is not acknowledged.
 
         The next update is then the whole scene.
         """

@@ -108,7 +108,7 @@ class SceneImages:
         return jpeg_rgb(frame.color, quality=request.quality)
 
     def stream(self, request: ImageRequest, rate: float, closing: Callable[[], bool]) -> AsyncIterator[bytes]:
-        """Return the parts of a ``multipart/x-mixed-replace`` response: an image for every change, at most ``rate`` a
+        """Return the parts of a ``multipart/x-mixed-replace`` response: an image for every change, up to ``rate`` a
         second.
 
         It ends when ``closing`` returns True. Raises StreamsFull if ``max_streams`` streams are open already.

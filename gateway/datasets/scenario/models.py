@@ -68,8 +68,7 @@ _model_cache: Final[Cache[tuple[object, ...], LoadedModel]] = Cache("scenario_mo
 
 
 def load_model(catalogue: Catalogue, table: Model, file: str, animation: AnimationTime | None = None) -> LoadedModel:
-    """Load a file of a table of models, or return it from the cache if it has not changed. Files that it names must
-    not.
+    """Load a file of a table of models, cached while it has not changed. Files that it names must not change.
 
     ``animation``: that of a glTF file, and its time. Raises SceneFileError or OSError.
     """

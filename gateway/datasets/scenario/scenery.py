@@ -53,8 +53,7 @@ class Scenery:
     def finish(
         self, color: NDArray[np.uint8], scene: DrawList, camera: Camera, renderer: Renderer, look: Look
     ) -> NDArray[np.uint8]:
-        """Return a colour image of the look ``self.look(…)``, (H, W, 3), with the background's image and the sensor's
-        effects.
+        """Return a colour image, (H, W, 3) of ``self.look(…)``, with the background's image and the sensor's effects.
 
         The scene is rendered once more before white: how much brighter a pixel is than before black is its share of
         background (Smith and Blinn 1996), at edges and through glass.

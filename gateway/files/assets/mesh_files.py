@@ -86,8 +86,7 @@ class MeshFiles:
         *,
         any_folder: bool = False,
     ) -> None:
-        """``roots``: folders that may be read; without any, no file is allowed. ``caches``: limit shared with other
-        caches.
+        """``roots``: folders that may be read; none: no file is allowed. ``caches``: limit shared with other caches.
 
         ``any_folder`` True: files of ``READABLE_EXTENSIONS`` may be read from all folders.
         """
@@ -107,8 +106,7 @@ class MeshFiles:
         scale: tuple[float, float, float] = (1.0, 1.0, 1.0),
         warnings: list[str] | None = None,
     ) -> tuple[Part, ...]:
-        """Return the parts of a mesh file, Z up and in metres, scaled along its axes; append warnings about its
-        content.
+        """Return the parts of a mesh file, Z up and in metres, scaled along its axes; append warnings.
 
         ``filename``: ``package://name/path``, ``file:///path``, an absolute path, or a path relative to a root. Raises
         MeshFileError if it is not allowed, missing or unreadable.
@@ -151,9 +149,7 @@ class MeshFiles:
         return _scaled(self._parsed(data, extension, resolve, name, warnings), scale)
 
     def read(self, filename: str) -> bytes:
-        """Return the bytes of a file that a client names. Raises MeshFileError if it is not allowed, missing or
-        unreadable.
-        """
+        """Return the bytes of a file that a client names. Raises MeshFileError if it is not allowed or unreadable."""
         for path in self._named_paths(filename):
             if self._is_allowed(path) and _is_file(path):
                 try:
@@ -204,9 +200,7 @@ class MeshFiles:
             raise MeshFileError(f"{quoted(filename)} is not a file name") from None
 
     def _named_paths(self, filename: str) -> list[Path]:
-        """Return those of ``_candidates`` in folders that are open to the client. Raises MeshFileError if there are
-        none.
-        """
+        """Return those of ``_candidates`` in folders that are open to the client. Raises MeshFileError without any."""
         if not self._roots and not self._any_folder:
             raise MeshFileError(
                 f"{quoted(filename)}: no folder is open to clients (--mesh-root), and only to programs on this "

@@ -34,9 +34,7 @@ class Container:
 
 
 def open_container(data: bytes | bytearray | memoryview) -> Container:
-    """Split a file into its JSON text and its binary data. Raises GltfError if it is not glTF, or does not fit its
-    length.
-    """
+    """Split a file into its JSON text and its binary data. Raises GltfError if it is not glTF, or cut off."""
     file = memoryview(data).cast("B")
     magic = bytes(file[:4])
     if magic == _MAGIC:

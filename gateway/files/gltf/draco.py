@@ -44,8 +44,7 @@ class DracoMeshes:
         indices: Accessor | None,
         name: str,
     ) -> tuple[dict[str, Accessor], Accessor]:
-        """Return the attributes of a primitive, and its vertex indices, three for each triangle, with those
-        decompressed.
+        """Return the attributes of a primitive, and its vertex indices, three for each triangle, decompressed.
 
         Their counts are those of the compressed mesh, as in other readers: some exporters leave the accessors as they
         were before the compression, which may add vertices. Raises GltfError if the data cannot be decompressed, or has

@@ -90,9 +90,7 @@ class Materials:
         return primitive.material
 
     def is_from_vtk(self, primitive: schema.GltfPrimitive) -> bool:
-        """Return True for a primitive that VTK's exporter, which never writes normals nor colours, wrote for Drake's
-        client.
-        """
+        """Return True for a primitive of VTK's exporter for Drake's client, which never writes normals nor colours."""
         return self._from_drake and resembles_drake(primitive, self._sources or [])
 
     def _read(self, source: schema.GltfMaterial, name: str, from_vtk: bool) -> Material:

@@ -39,7 +39,7 @@ class PartReader:
         """Sentences about primitives that are left out."""
 
     def read(self, nodes: SceneNodes, poses: Mapping[int, MeshPose]) -> tuple[dict[int, Parts], dict[int, Parts]]:
-        """Return the parts of each mesh in use, by mesh index, and those of each node with a pose of its own, by
+        """Return the parts of each mesh in use, by mesh index, and those of nodes with a pose of their own, by
         position.
 
         Sentences about nodes whose mesh is missing are appended to ``nodes.warnings``: they do not hold for a document

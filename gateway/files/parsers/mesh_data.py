@@ -124,8 +124,7 @@ def shape_of(
     color: tuple[float, float, float, float] | None = None,
     image: int | None = None,
 ) -> Shape | None:
-    """Return a shape; None if it draws nothing. (0, 0) of ``uv``, kept without an image, too, is the bottom left
-    corner.
+    """Return a shape; None if it draws nothing. (0, 0) of ``uv``, kept without an image, too, is bottom left.
 
     A sentence is appended if vertices or texture coordinates are not finite in float32. Triangles of such vertices are
     left out.

@@ -123,8 +123,7 @@ def with_used_coordinates(data: bytes, read_texture: Callable[[str], bytes], war
 
 
 def with_triangles(data: bytes) -> bytes:
-    """Return a binary file with triangles in place of polygons and strips. Raises ValueError for a wrong header or
-    length.
+    """Return a binary file with triangles in place of polygons and strips. Raises ValueError if it is damaged.
 
     trimesh takes each list for one as long as the first. Blender writes faces of different numbers of corners. If lists
     of an element differ in length, the file is returned with vertices and triangles only, without other lists.
@@ -278,9 +277,7 @@ def _values(data: bytes, place: int, element: _Element) -> tuple[NDArray[np.int6
 
 
 def _end_of_equal_rows(data: bytes, place: int, element: _Element, max_length: int | None) -> int | None:
-    """Return the end of an element whose lists are as long as in its first row, at most a maximum; None if they are
-    not.
-    """
+    """Return the end of an element whose lists are as long as in its first row, up to a maximum; None for others."""
     if all(length is None for length, _, _ in element.properties):
         return _values(data, place, element)[2]
     lengths, places, end = _values(data, place, dataclasses.replace(element, count=min(element.count, 1)))

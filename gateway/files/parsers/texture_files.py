@@ -44,9 +44,7 @@ class TextureFiles:
         return index
 
     def encoded(self, name: str, data: bytes) -> bytes:
-        """Return a PNG, JPEG or WebP file as it is, and another one as PNG. Raises OSError, and warns, if it is no
-        image.
-        """
+        """Return a PNG, JPEG or WebP file as it is, another one as PNG. Raises OSError, and warns, if it is none."""
         try:
             # Only the header is read here: damaged pixels are found by the server, which says so.
             with Image.open(io.BytesIO(data), formats=(*_DECODED_BY_SERVER, *_CONVERTED)) as image:

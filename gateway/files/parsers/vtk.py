@@ -230,9 +230,7 @@ def _triangles(
 
 
 def _boundary(volumes: dict[int, NDArray[np.int64]]) -> NDArray[np.int64]:
-    """Return the triangles, (M, 3), of the faces that belong to only one volume; points of the volumes are by cell
-    type.
-    """
+    """Return the triangles, (M, 3), of faces that belong to only one volume; points of volumes are by cell type."""
     faces = np.concatenate([
         np.pad(corners[:, face], ((0, 0), (0, 4 - len(face))), constant_values=-1)
         for kind, corners in volumes.items()

@@ -62,9 +62,7 @@ class LinkParts:
         return [msgspec.structs.replace(part, X_node_part=X @ part.X_node_part) for part in parts]
 
     def _materials(self, link: str, material: LinkMaterial | None) -> tuple[Material, Material]:
-        """Return the material, with the texture's mean colour, for geometry without texture coordinates, and that for
-        others.
-        """
+        """Return two materials: of the texture's mean colour, for geometry without texture coordinates; for others."""
         rgba = np.array(color_of(material))
         texture = self._link_files.texture(link, material, self._read_image)
         if material is None or texture is None:

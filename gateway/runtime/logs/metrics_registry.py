@@ -77,8 +77,7 @@ class Metrics(Collector):
         self.registry.register(self)
 
     def watch(self, name: str, description: str, read: Callable[[], Reading], *, label: str = "") -> None:
-        """Add a metric that is read in the event loop when Prometheus scrapes: a counter if it ends in ``_total``, or a
-        gauge.
+        """Add a metric that is read in the event loop when Prometheus scrapes: a counter (``_total``) or a gauge.
 
         With a label, ``read`` returns values by the label's value.
         """

@@ -12,8 +12,7 @@ from renderers.drawlist import Image, ImageError, Material, Texture
 
 
 def without_broken_textures(parts: tuple[Part, ...], max_pixels: int, warnings: list[str]) -> tuple[Part, ...]:
-    """Return the parts without textures that cannot be decoded, or are beyond ``max_pixels``; append a warning for
-    each.
+    """Return the parts without textures that cannot be decoded, or are above ``max_pixels``; append warnings.
 
     A broken texture from one client must not break images for the other clients. Each texture is decoded once as a
     test; its pixels are not kept. Equal images count once.

@@ -32,9 +32,7 @@ def parse_paths(name: str, text: str) -> tuple[Path, ...]:
 
 
 def parse_color(name: str, text: str) -> tuple[int, int, int]:
-    """Return red, green and blue, 0 .. 255, of the parameter ``name``. Raises ShownError without six hexadecimal
-    digits.
-    """
+    """Return red, green and blue, 0 .. 255, of the parameter ``name``. Raises ShownError without six hex digits."""
     if _COLOR.fullmatch(text) is None:
         raise ShownError(f"{name}={quoted(text)} is not a colour in six hexadecimal digits such as 'cce5ff'")
     red, green, blue = bytes.fromhex(text)

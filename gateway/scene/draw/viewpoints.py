@@ -183,8 +183,7 @@ def _node_pose(root: Node, path: Path) -> NDArray[np.float64]:
 def _framing_pose(
     bounds: Bounds | None, fovy: float, aspect: float, direction: Vector, distance: float | None = None
 ) -> NDArray[np.float64]:
-    """Return a pose that looks at the centre of a box (None: ``_EMPTY_SCENE_BOX``), with its eye in a direction from
-    it.
+    """Return a pose that looks from a direction at the centre of a box (None: ``_EMPTY_SCENE_BOX``).
 
     ``fovy`` is in degrees. ``distance``: metres; None: the smallest one that has all corners in view.
     """
@@ -214,9 +213,7 @@ def _orbit_radius(bounds: bytes, fovy: float, aspect: float, count: int, elevati
 
 
 def _orbit_direction(turn: float, elevation: float) -> Vector:
-    """Return the direction from the centre to the eye: a fraction of a full turn from +x, and degrees above the
-    horizon.
-    """
+    """Return the direction from the centre to the eye: fraction of a turn from +x, and degrees above the horizon."""
     azimuth, altitude = 2.0 * math.pi * turn, math.radians(elevation)
     return math.cos(azimuth) * math.cos(altitude), math.sin(azimuth) * math.cos(altitude), math.sin(altitude)
 

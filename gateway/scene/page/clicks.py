@@ -46,8 +46,7 @@ class ClickSubscriptions:
         """Subscriptions by client."""
 
     def subscribe(self, client: Hashable, paths: Sequence[Path], deliver: Callable[[Click], None]) -> str:
-        """Replace the paths of a client, which gets clicks on geometry at and below them; without paths, it is
-        forgotten.
+        """Replace the paths of a client, which gets clicks on geometry at and below them; none: it is forgotten.
 
         ``deliver`` is called with each click, and must not block. Returns the reason of a refusal, which changes
         nothing, or "".

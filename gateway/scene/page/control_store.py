@@ -89,8 +89,7 @@ class ControlStore:
         self._listeners.append(listener)
 
     def set_controls(self, client: Hashable, controls: Sequence[AnyControl], deliver: Deliver, request: int) -> str:
-        """Replace the controls of a client; none: it is forgotten. Those that were there before keep values and
-        samples.
+        """Replace the controls of a client; none: it is forgotten. Earlier ones keep values and samples.
 
         ``deliver`` is called with changes of values that others have made, and must not block. ``request`` is a number
         that increases. Returns the reason of a refusal, which changes nothing, or an empty string.
@@ -189,9 +188,7 @@ class ControlStore:
             self._notify()
 
     def set_value(self, client: Hashable, path: Path, value: Any, request: int) -> None:
-        """Set the value of a client's control. Raises ValueError if it has no such control, or that cannot have the
-        value.
-        """
+        """Set the value of a client's control. Raises ValueError if there is none, or it cannot have the value."""
         entry = self._entry_of(client, path, request)
         if isinstance(entry.control, Gizmo):
             raise ValueError("a gizmo has the pose of its node; settransform moves both")

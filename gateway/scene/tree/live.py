@@ -39,9 +39,7 @@ class LiveTree:
     """A tree that is edited under a lock. Reading a snapshot takes no lock."""
 
     def __init__(self, clock: Callable[[], int] = time.time_ns, first: Snapshot | None = None) -> None:
-        """``clock`` returns the time of edits that name none, nanoseconds since the epoch. ``first``: None: an empty
-        tree.
-        """
+        """``clock`` returns the time of edits that name none, nanoseconds since the epoch. ``first``: None: empty."""
         self._clock = clock
         self.snapshot = first or Snapshot(Node(), 0)
         """The latest committed state."""

@@ -56,8 +56,7 @@ class MaterialWriter:
         return item
 
     def _set_texture(self, owner: dict[str, Any], name: str, texture: Texture | None, **factors: float) -> None:
-        """Set the texture property ``name`` in the JSON of a material or a part of it, unless its image cannot be
-        decoded.
+        """Set the texture property ``name`` in the JSON of a material, or a part of it, if its image can be decoded.
 
         ``factors``: ``scale`` or ``strength`` of the texture.
         """
@@ -81,9 +80,7 @@ class MaterialWriter:
         owner[name] = info
 
     def _image(self, texture: Texture) -> int | None:
-        """Return the index of a texture's image: a copy of its PNG or JPEG file, else a PNG; None if it cannot be
-        decoded.
-        """
+        """Return the index of a texture's image: its PNG or JPEG file, else a PNG; None if it cannot be decoded."""
         image = texture.image
         data = getattr(image.decode, "data", None)
         mime_type = _mime_type(bytes(data[:12])) if isinstance(data, bytes | memoryview) else None
