@@ -1,7 +1,5 @@
 """Requests to a gateway's HTTP port, with its token and certificates. Every error is one sentence."""
 
-from __future__ import annotations
-
 import http.client
 import json
 import socket

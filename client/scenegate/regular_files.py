@@ -3,8 +3,6 @@
 A path on the command line may be a pipe: ``read_file_or_pipe``.
 """
 
-from __future__ import annotations
-
 import errno
 import hashlib
 import io

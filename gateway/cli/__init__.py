@@ -1,7 +1,5 @@
 """The server's commands: ``scenegate serve | view | render | export | dataset | convert | doctor | warmup``."""
 
-from __future__ import annotations
-
 import signal
 import sys
 from collections.abc import Sequence

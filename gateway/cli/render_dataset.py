@@ -1,7 +1,5 @@
 """``scenegate render`` with a folder as output: runs a job, shows its progress and reports failures."""
 
-from __future__ import annotations
-
 import signal
 import time
 from collections.abc import Iterator

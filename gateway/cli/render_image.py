@@ -1,7 +1,5 @@
 """``scenegate render`` with an image as output: one scene, one view, one type."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 from gateway.datasets.rendering import IMAGE_FORMATS, OUTPUTS, render_images, rig_warning, style_of, view_hint

@@ -1,7 +1,5 @@
 """``scenegate serve --workers``: several processes on one port, under a supervisor."""
 
-from __future__ import annotations
-
 import os
 import shutil
 import signal

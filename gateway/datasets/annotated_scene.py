@@ -1,7 +1,5 @@
 """The annotated objects of a scene: what does not depend on the camera. ``annotations`` finds their pixels."""
 
-from __future__ import annotations
-
 import hashlib
 from collections.abc import Callable, Hashable, Iterable
 from dataclasses import dataclass

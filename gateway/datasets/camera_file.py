@@ -1,7 +1,5 @@
 """Read the file of ``--cameras``: JSON with views of all scenes or of single scenes. See ``docs/datasets.md``."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path

@@ -3,8 +3,6 @@
 ``scenegate dataset check`` uses it.
 """
 
-from __future__ import annotations
-
 import os
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor

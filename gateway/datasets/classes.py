@@ -16,8 +16,6 @@ The file is TOML or JSON. The first entry that matches an object gives its class
 In a pattern, ``*`` stands for any characters, ``?`` for one, ``[abc]`` for one of these.
 """
 
-from __future__ import annotations
-
 import hashlib
 import tomllib
 from collections.abc import Iterable

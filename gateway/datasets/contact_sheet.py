@@ -4,8 +4,6 @@ Each sample is a thumbnail with the visible masks and boxes of its objects, in c
 the samples with one class. Nothing is loaded from elsewhere.
 """
 
-from __future__ import annotations
-
 import base64
 import colorsys
 import io

@@ -1,7 +1,5 @@
 """Write files atomically, lock the folder of a dataset, and hash files."""
 
-from __future__ import annotations
-
 import os
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager

@@ -3,8 +3,6 @@
 There is one process per core, because threads would wait for each other: reading scenes holds the GIL.
 """
 
-from __future__ import annotations
-
 import contextlib
 import ctypes
 import multiprocessing

@@ -1,7 +1,5 @@
 """Poses of a node over time from an LCM log, as the track of a scenario (``gateway.datasets.scenario.tracks``)."""
 
-from __future__ import annotations
-
 import csv
 import io
 from collections.abc import Iterator

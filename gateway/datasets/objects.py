@@ -1,7 +1,5 @@
 """Objects of a scene: the nodes that are annotated, with their frames, and the geometry that each of them owns."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from types import MappingProxyType

@@ -3,8 +3,6 @@
 ``worker`` uses it for datasets, ``gateway.cli`` for single images.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import reduce

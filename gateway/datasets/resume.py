@@ -1,7 +1,5 @@
 """Read the dataset of an earlier run, and find the samples that need not be rendered again. ``run`` uses it."""
 
-from __future__ import annotations
-
 import io
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor

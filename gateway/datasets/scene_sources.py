@@ -1,7 +1,5 @@
 """Find the scenes of a command: the files that it names, those in the folders that it names, and those of scenarios."""
 
-from __future__ import annotations
-
 import hashlib
 from collections.abc import Iterable
 from dataclasses import dataclass, replace

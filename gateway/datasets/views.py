@@ -3,8 +3,6 @@
 ``camera_of`` computes the camera of a view in a scene.
 """
 
-from __future__ import annotations
-
 import hashlib
 import math
 import re

@@ -1,7 +1,5 @@
 """Meshes of the demo scene: shapes with texture coordinates, and curves."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

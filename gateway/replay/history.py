@@ -1,7 +1,5 @@
 """The recent states of the live tree, as a ``Timeline``."""
 
-from __future__ import annotations
-
 import threading
 import time
 from bisect import bisect_right

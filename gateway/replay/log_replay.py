@@ -1,7 +1,5 @@
 """Replay an LCM log into a tree of its own: requests of the tree viewer's clients, and Drake's messages."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path

@@ -1,7 +1,5 @@
 """One pass over the headers of a log: its times and channels, without decoding a message."""
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Callable
 from dataclasses import dataclass

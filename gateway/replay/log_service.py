@@ -1,7 +1,5 @@
 """A log in place of the live tree (``scenegate view``)."""
 
-from __future__ import annotations
-
 import asyncio
 from collections.abc import Callable, Mapping
 from typing import Any, Final

@@ -1,7 +1,5 @@
 """Write the scene of an LCM log to an MCAP file, as ``scenegate record --mcap`` writes it while the log is played."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from contextlib import closing
 from dataclasses import dataclass

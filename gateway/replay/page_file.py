@@ -1,7 +1,5 @@
 """The page of ``/view`` and a recording in one HTML file, which a browser opens from a disk without a network."""
 
-from __future__ import annotations
-
 import base64
 import hashlib
 import html

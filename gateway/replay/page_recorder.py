@@ -11,8 +11,6 @@ An update from revision 0 has the whole scene, as the first one does. Further on
 same revision, so that a page can start there.
 """
 
-from __future__ import annotations
-
 import struct
 import zlib
 from collections.abc import Awaitable, Callable

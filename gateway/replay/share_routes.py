@@ -1,7 +1,5 @@
 """The route ``/view/scene.html``: the page, the scene and its recent motion in one file."""
 
-from __future__ import annotations
-
 import asyncio
 from typing import Annotated, Final
 

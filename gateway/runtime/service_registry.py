@@ -1,7 +1,5 @@
 """States of the interfaces: the source of ``/healthz``, ``/readyz`` and the log line at start."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from enum import StrEnum

@@ -1,7 +1,5 @@
 """Scene files that settings name, read while the gateway starts."""
 
-from __future__ import annotations
-
 import asyncio
 from pathlib import Path
 from typing import Final

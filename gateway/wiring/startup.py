@@ -1,7 +1,5 @@
 """Starts the process: loads the kernels, restores the state, starts the interfaces, accepts requests."""
 
-from __future__ import annotations
-
 import asyncio
 import time
 from typing import Final

@@ -1,7 +1,5 @@
 """Wiring of the stereo cameras: settings → configuration → service → routes, and their images for the browser view."""
 
-from __future__ import annotations
-
 import asyncio
 from dataclasses import replace
 from typing import Any, Final

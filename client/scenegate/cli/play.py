@@ -1,7 +1,5 @@
 """``scenegate play``: play a log file into an LCM network."""
 
-from __future__ import annotations
-
 import argparse
 import asyncio
 import logging

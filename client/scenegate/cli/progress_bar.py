@@ -1,7 +1,5 @@
 """Progress bar of long commands: count, rate and remaining time."""
 
-from __future__ import annotations
-
 import shutil
 import sys
 import time

@@ -1,7 +1,5 @@
 """``scenegate record``: write an LCM network's messages to a log file. ``record_mcap`` writes MCAP files instead."""
 
-from __future__ import annotations
-
 import argparse
 import asyncio
 import contextlib

@@ -3,8 +3,6 @@
 ``dataset`` uses it for the manifest, which has 1 GB for a million samples.
 """
 
-from __future__ import annotations
-
 import os
 import weakref
 from pathlib import Path

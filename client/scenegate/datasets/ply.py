@@ -1,7 +1,5 @@
 """PLY files of the models of datasets: binary, with vertices and triangles."""
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 from typing import Final

@@ -4,8 +4,6 @@ A file is a sequence of events. An event has ``sync word, number, time in micros
 big-endian integers, then the channel and the data. Source: lcm/eventlog.c of LCM 1.5.
 """
 
-from __future__ import annotations
-
 import io
 import struct
 from collections.abc import Callable, Iterator

@@ -3,8 +3,6 @@
 liblcm receives in a thread of its own, and writes to a pipe when messages arrive. The event loop watches the pipe.
 """
 
-from __future__ import annotations
-
 import asyncio
 import logging
 import os

@@ -1,7 +1,5 @@
 """Open the transport for an LCM URL. The tree viewer's service and ``replay`` call it."""
 
-from __future__ import annotations
-
 import os
 from typing import Final
 

@@ -1,7 +1,5 @@
 """Record an LCM network to a log file, and play a log file into a network, for the command line."""
 
-from __future__ import annotations
-
 import asyncio
 import re
 import time

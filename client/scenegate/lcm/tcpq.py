@@ -5,8 +5,6 @@ and, for messages, ``length, data``. Integers are big-endian uint32. The client 
 the hub sends the messages that match. Source: lcm/lcm_tcpq.c and TCPProvider.java of LCM 1.5.
 """
 
-from __future__ import annotations
-
 import asyncio
 import struct
 from collections.abc import Callable

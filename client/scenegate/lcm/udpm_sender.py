@@ -1,7 +1,5 @@
 """Send LCM messages over UDP multicast without blocking, for ``udpm_transport``."""
 
-from __future__ import annotations
-
 import asyncio
 import logging
 import socket

@@ -4,8 +4,6 @@ The kernel drops datagrams while the receive buffer is full, so its size limits 
 complete.
 """
 
-from __future__ import annotations
-
 import array
 import contextlib
 import errno

@@ -4,8 +4,6 @@ liblcm would read in a thread of its own, and hold the GIL while it copies a mes
 docs/decisions/0009-own-lcm-transport.md.
 """
 
-from __future__ import annotations
-
 import asyncio
 import logging
 import time

@@ -1,7 +1,5 @@
 """LCM URLs: which are valid, and the parts of ``udpm://`` ones."""
 
-from __future__ import annotations
-
 import socket
 from dataclasses import dataclass
 from typing import Final

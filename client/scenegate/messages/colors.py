@@ -2,8 +2,6 @@
 protocol's fields.
 """
 
-from __future__ import annotations
-
 import os
 from collections.abc import Mapping
 from string import hexdigits

@@ -4,8 +4,6 @@ A command ``setcontrols`` has them as objects, with the type's name as ``type``.
 the type. Invalid fields raise ValueError, which names the field, its value and the limit.
 """
 
-from __future__ import annotations
-
 from typing import Any, ClassVar, Final, TypeAlias
 
 import msgspec

@@ -5,8 +5,6 @@ values that known clients of Director send. They raise ``CommandError`` for an i
 a valid one that cannot be drawn: NaN, infinite, or beyond ``MAX_DISTANCE``.
 """
 
-from __future__ import annotations
-
 import json
 import math
 import os

@@ -3,8 +3,6 @@
 docs/tree-viewer-binary.md defines the MessagePack format. ``viewer`` uses both functions.
 """
 
-from __future__ import annotations
-
 import math
 import struct
 from dataclasses import dataclass

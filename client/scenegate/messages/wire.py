@@ -3,8 +3,6 @@
 ``drake.lcmt_viewer2_comms`` has the same fields and therefore the same fingerprint: LCM hashes fields, not type names.
 """
 
-from __future__ import annotations
-
 import struct
 from typing import Final
 

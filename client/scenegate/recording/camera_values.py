@@ -1,7 +1,5 @@
 """Convert the image sets of the camera's stream to values."""
 
-from __future__ import annotations
-
 from collections import defaultdict
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Write MCAP files: chunked, indexed, a new one when one is full, and readable after the process was killed."""
 
-from __future__ import annotations
-
 from collections import deque
 from dataclasses import dataclass
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Fields that Foxglove's messages and those of ROS 2 have in common, as dicts, nested as the messages are."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import Any, Final, NamedTuple
 

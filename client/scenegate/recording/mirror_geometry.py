@@ -3,8 +3,6 @@
 A ``view_frame`` is a binary WebSocket message of ``/view/ws``; a ``frame_id`` names a coordinate frame.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass

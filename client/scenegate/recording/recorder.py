@@ -1,7 +1,5 @@
 """Record received values to MCAP files."""
 
-from __future__ import annotations
-
 import queue
 import threading
 import time

@@ -3,8 +3,6 @@
 Their servers skip what a slow client has no time for, so nothing else is bounded.
 """
 
-from __future__ import annotations
-
 import asyncio
 import logging
 import queue

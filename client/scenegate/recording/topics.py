@@ -3,8 +3,6 @@
 The formats are Foxglove's schemas and ROS 2's messages; both have the same topics.
 """
 
-from __future__ import annotations
-
 import re
 import threading
 from collections.abc import Callable, Iterator

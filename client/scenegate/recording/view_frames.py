@@ -4,8 +4,6 @@ A frame is a JSON header and arrays; ``gateway.adapters.viewer.frames`` writes i
 the page (``ControlFolder.add_joint_sliders``), which are in frames of controls.
 """
 
-from __future__ import annotations
-
 import struct
 from collections import Counter
 from typing import Any, Final

@@ -1,7 +1,5 @@
 """Joint values as users write them on a command line: ``elbow=1.2``, ``base=0,0,1,1,0,0,0``."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 
 from scenegate.robots.robot_errors import RobotFileError

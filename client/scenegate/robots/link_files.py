@@ -1,7 +1,5 @@
 """Reads the mesh and image files that the links of a URDF or SDF robot name. What cannot be read is a warning."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any, Final, TypeVar

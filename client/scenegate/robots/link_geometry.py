@@ -1,7 +1,5 @@
 """Converts the geometry of a URDF or SDF robot to geometry of the tree viewer's protocol."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Final, Literal

@@ -1,7 +1,5 @@
 """Forward kinematics of a tree of links and joints."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 
 import numpy as np

@@ -1,7 +1,5 @@
 """A robot: links with geometry, joints, and the poses of the links for joint values."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from typing import Final, Generic, Literal, Protocol, TypeAlias, TypeVar

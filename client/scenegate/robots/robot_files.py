@@ -3,8 +3,6 @@
 Robot files are named by the user, so they may name any file that the user can read.
 """
 
-from __future__ import annotations
-
 import errno
 import hashlib
 import itertools

@@ -1,7 +1,5 @@
 """Finds the folders of ROS packages, for file names such as ``package://name/path``."""
 
-from __future__ import annotations
-
 import os
 import re
 import threading

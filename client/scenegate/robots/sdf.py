@@ -4,8 +4,6 @@ Elements that are invalid are left out or get a default, with a warning. Links o
 ``model::link``. All models become one robot.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from itertools import islice
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Parses the visual or collision geometry of SDF links."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import replace
 from typing import Final

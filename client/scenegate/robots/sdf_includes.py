@@ -1,7 +1,5 @@
 """Models that an SDF document includes: SDF and URDF files, and two models that come with Gazebo."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 from typing import Final

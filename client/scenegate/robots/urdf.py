@@ -3,8 +3,6 @@
 Elements and attributes that are invalid are left out or get a default, with a warning.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator
 from typing import Final

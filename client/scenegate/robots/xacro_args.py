@@ -1,7 +1,5 @@
 """Arguments of xacro: ``$(arg name)`` in a robot file, whose values the user gives."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Iterable, Mapping
 from typing import Final, TypeAlias

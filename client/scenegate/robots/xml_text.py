@@ -4,8 +4,6 @@ In all functions, ``where`` is the start of a warning: the link or joint of the 
 the list ``warnings``.
 """
 
-from __future__ import annotations
-
 import codecs
 import math
 from collections.abc import Iterator, Sequence

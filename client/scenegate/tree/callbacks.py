@@ -1,7 +1,5 @@
 """Callbacks for messages of the page, and the threads that run them and repeat the subscriptions."""
 
-from __future__ import annotations
-
 import contextlib
 import inspect
 import logging

@@ -1,7 +1,5 @@
 """Connection of the tree viewer client to an LCM network. The event loop of a thread of its own sends and receives."""
 
-from __future__ import annotations
-
 import asyncio
 import contextlib
 import threading

@@ -1,7 +1,5 @@
 """Sends requests of one client to a viewer, and receives their responses."""
 
-from __future__ import annotations
-
 import os
 import secrets
 import threading

@@ -1,7 +1,5 @@
 """Parts of arrows and coordinate axes. Arrows share unit meshes: when they change, browsers get only matrices."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import Final
 

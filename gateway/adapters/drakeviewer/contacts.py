@@ -3,8 +3,6 @@
 Thresholds, scales, radius and colours are Drake's.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import Final
 

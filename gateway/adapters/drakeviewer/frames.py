@@ -1,7 +1,5 @@
 """Frames of the channels ``DRAKE_DRAW_FRAMES*``, each drawn as three axes."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 from functools import lru_cache
 from typing import Final

@@ -1,7 +1,5 @@
 """Converts names of links to paths in the live tree, relative to their family's node."""
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Iterable
 from typing import Final

@@ -1,7 +1,5 @@
 """Triangle meshes in Drake's messages: as numbers (``float_data``), or as files in JSON (``InMemoryMesh``)."""
 
-from __future__ import annotations
-
 from typing import Annotated, Any, Final
 
 import msgspec

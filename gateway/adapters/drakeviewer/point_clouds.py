@@ -1,7 +1,5 @@
 """Point clouds of the channels ``DRAKE_POINT_CLOUD*``."""
 
-from __future__ import annotations
-
 from types import MappingProxyType
 from typing import Final
 

@@ -1,7 +1,5 @@
 """Links of rigid bodies, from the load and draw messages of one family."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field

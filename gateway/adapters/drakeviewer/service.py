@@ -4,8 +4,6 @@ A group is a family of channels, or a channel without a family. While a thread r
 group wait in a queue, which keeps only the newest of each channel.
 """
 
-from __future__ import annotations
-
 import asyncio
 from dataclasses import asdict
 from typing import Any, Final

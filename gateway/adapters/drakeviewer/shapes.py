@@ -1,7 +1,5 @@
 """Read the geometries of links, and deformable bodies, as parts of the scene."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Iterable
 from typing import Final

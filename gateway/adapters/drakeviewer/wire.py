@@ -1,7 +1,5 @@
 """Decode Drake's LCM messages: big-endian, with the fingerprint first. Definitions: ``lcmtypes/lcmt_*.lcm``."""
 
-from __future__ import annotations
-
 import struct
 from typing import Final
 

@@ -1,7 +1,5 @@
 """The WebSocket server of foxglove-sdk with its channels and their subscribers."""
 
-from __future__ import annotations
-
 import logging
 import threading
 from collections.abc import Callable, Iterable, Mapping

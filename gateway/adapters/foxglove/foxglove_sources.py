@@ -1,7 +1,5 @@
 """Types of what other interfaces provide to Foxglove's clients. ``gateway.wiring`` passes them."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from contextlib import AbstractContextManager
 from typing import Any, Protocol

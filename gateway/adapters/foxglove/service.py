@@ -1,7 +1,5 @@
 """Sends the live scene and the stereo camera's images to Foxglove's clients: only what they subscribe to is made."""
 
-from __future__ import annotations
-
 import asyncio
 from collections.abc import Coroutine, Iterable, Mapping
 from contextlib import suppress

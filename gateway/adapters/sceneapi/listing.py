@@ -1,7 +1,5 @@
 """Makes the JSON of ``GET /scene``."""
 
-from __future__ import annotations
-
 import msgspec
 import numpy as np
 from numpy.typing import NDArray

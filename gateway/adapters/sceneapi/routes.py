@@ -1,7 +1,5 @@
 """``GET /scene``, ``GET /scene.glb`` and ``GET /scene/render``."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from typing import Annotated, ClassVar, Final
 

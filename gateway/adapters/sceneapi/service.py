@@ -1,7 +1,5 @@
 """Makes the listing, the glTF file and the images of the live scene, for ``routes``."""
 
-from __future__ import annotations
-
 import threading
 import uuid
 from dataclasses import dataclass, replace

@@ -1,7 +1,5 @@
 """Execute a request: ``RequestApplier`` on the live tree, ``update_page`` on the state of the browser pages."""
 
-from __future__ import annotations
-
 from collections import deque
 from collections.abc import Callable, Hashable, Iterator, Sequence
 from dataclasses import dataclass

@@ -4,8 +4,6 @@ Lists of regular transforms and solids are typed objects, which ``regular_comman
 plain values. Other viewers ignore the commands that Director does not have; a response lists those of its request.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass

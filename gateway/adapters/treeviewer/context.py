@@ -1,7 +1,5 @@
 """State of one request while it is read, and the readers of arrays, images and text in it."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 from typing import Any, Protocol
 

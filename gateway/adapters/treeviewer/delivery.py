@@ -5,8 +5,6 @@ Director's Python client publishes a request and then clears its queue of comman
 clearing, they are lost. Such responses are therefore delayed by a few milliseconds.
 """
 
-from __future__ import annotations
-
 import asyncio
 from collections import deque
 from collections.abc import Callable

@@ -1,7 +1,5 @@
 """Pass messages from the transports on: requests are refused, executed at once or queued; others have listeners."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import asdict
 from typing import Final

@@ -4,8 +4,6 @@ The classes of ``scenegate.messages`` define types and fields. A solid is a shap
 ``array_geometry``, ``image_geometry`` and ``mesh_file_geometry`` make parts of the others.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from typing import Any, Final
 

@@ -4,8 +4,6 @@ Every image becomes an encoded file: an array becomes a PNG file. Equal files sh
 to check that it can be drawn.
 """
 
-from __future__ import annotations
-
 import binascii
 from dataclasses import dataclass
 from typing import Any, Final

@@ -5,8 +5,6 @@ for each of them, with a random token, which no client can guess. No field but a
 docs/tree-viewer-binary.md defines packed arrays, an extension of MessagePack.
 """
 
-from __future__ import annotations
-
 import contextlib
 import math
 import os

@@ -3,8 +3,6 @@
 ``executor`` calls it; tests call ``TreeViewerProtocol.handle`` directly.
 """
 
-from __future__ import annotations
-
 import time
 from collections.abc import Callable
 

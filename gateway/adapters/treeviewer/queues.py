@@ -1,7 +1,5 @@
 """Queues of requests that wait for an earlier request of their client. Other clients do not wait for it."""
 
-from __future__ import annotations
-
 import asyncio
 from collections import deque
 from collections.abc import Awaitable, Callable, Hashable

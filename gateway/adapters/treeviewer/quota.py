@@ -3,8 +3,6 @@
 ``apply`` checks each command before it edits the tree.
 """
 
-from __future__ import annotations
-
 import math
 import threading
 import time

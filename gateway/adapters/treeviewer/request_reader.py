@@ -6,8 +6,6 @@ every form that clients send. Long number arrays in JSON are parsed apart, by ``
 extensions that hold their bytes (docs/tree-viewer-binary.md).
 """
 
-from __future__ import annotations
-
 import json
 from abc import ABC, abstractmethod
 from collections.abc import Callable

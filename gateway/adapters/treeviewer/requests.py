@@ -1,7 +1,5 @@
 """A request as ``request_reader`` creates it and ``apply`` executes it."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any

@@ -1,7 +1,5 @@
 """Run the tree viewer: connect the LCM transports with the protocol. ``gateway.wiring`` creates the service."""
 
-from __future__ import annotations
-
 import asyncio
 from collections.abc import Sequence
 from functools import partial

@@ -1,7 +1,5 @@
 """Convert depth, disparity and confidence to RGB images, and scale images down, for the images of the browser view."""
 
-from __future__ import annotations
-
 from typing import Any, Final
 
 import cv2

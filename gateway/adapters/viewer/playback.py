@@ -4,8 +4,6 @@ The page sends a ``TimeCommand``; the gateway moves the page's target. The page 
 ``time``.
 """
 
-from __future__ import annotations
-
 import asyncio
 from collections.abc import Callable
 from enum import StrEnum

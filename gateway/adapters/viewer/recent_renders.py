@@ -1,7 +1,5 @@
 """The last requests of the render endpoint and their images, which the page lists."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import cv2

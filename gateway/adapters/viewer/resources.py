@@ -1,7 +1,5 @@
 """Ids of meshes, textures and point clouds, and a cache of encoded meshes, shared by all browsers."""
 
-from __future__ import annotations
-
 import itertools
 import math
 from collections import deque

@@ -1,7 +1,5 @@
 """Render the live scene and its history as JPEG, and the live scene as MJPEG, for ``image_routes``."""
 
-from __future__ import annotations
-
 import asyncio
 from collections.abc import AsyncIterator, Callable
 from contextlib import suppress

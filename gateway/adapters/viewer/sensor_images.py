@@ -1,7 +1,5 @@
 """The stereo camera's images as JPEG, for ``image_routes``. They are captured on request, once for all browsers."""
 
-from __future__ import annotations
-
 import asyncio
 import math
 from collections.abc import Awaitable, Callable

@@ -1,7 +1,5 @@
 """Encodes snapshots of a tree as the frames of the view, which ``SceneMirror`` reads."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 from gateway.adapters.viewer.encoder import EMPTY_SNAPSHOT, Encoder, encode_stereo_rig

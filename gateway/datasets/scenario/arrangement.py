@@ -1,7 +1,5 @@
 """Finds the places of a scene's objects: on surfaces without interpenetration, or at rest after a drop."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Final

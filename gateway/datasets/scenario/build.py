@@ -1,7 +1,5 @@
 """Makes a scene from its choices: the same choices and files give the same bytes, on any machine."""
 
-from __future__ import annotations
-
 import posixpath
 from collections.abc import Iterator
 from dataclasses import dataclass, field

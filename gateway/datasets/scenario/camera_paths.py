@@ -1,7 +1,5 @@
 """Draws cameras around objects: single poses on a shell, and smooth paths of a hand that holds a camera."""
 
-from __future__ import annotations
-
 import math
 from typing import Final, NamedTuple
 

@@ -1,7 +1,5 @@
 """Lists the files that a scenario names: models, textures, rigs, environments and backgrounds."""
 
-from __future__ import annotations
-
 import glob
 import hashlib
 import os

@@ -4,8 +4,6 @@ Files are named as in the scenario: relative to its folder, unless the scenario 
 been edited: ``choices_of`` compares it with the scenario.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from typing import Annotated, Any, Final, Literal
 

@@ -1,7 +1,5 @@
 """Draws the choices of a scene from the seed of its scenario and its number, and nothing else."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import Any, Final, TypeVar
 

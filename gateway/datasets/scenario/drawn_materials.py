@@ -1,7 +1,5 @@
 """Replaces materials of trees by drawn ones, with texture coordinates for meshes that have none."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Final
 

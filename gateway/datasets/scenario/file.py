@@ -1,7 +1,5 @@
 """Reads scenario files, and describes them to editors."""
 
-from __future__ import annotations
-
 import ast
 import inspect
 import re

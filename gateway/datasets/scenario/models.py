@@ -1,7 +1,5 @@
 """Loads the models of a scenario, and keeps them for further scenes: equal models share meshes and textures."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property

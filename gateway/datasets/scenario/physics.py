@@ -1,7 +1,5 @@
 """Drops objects on surfaces with the package ``mujoco``, as convex hulls, until they are at rest."""
 
-from __future__ import annotations
-
 from typing import Any, Final
 
 import numpy as np

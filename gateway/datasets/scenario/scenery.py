@@ -1,7 +1,5 @@
 """Lights, background and camera sensor of colour images."""
 
-from __future__ import annotations
-
 import math
 import zlib
 from dataclasses import dataclass, replace

@@ -1,7 +1,5 @@
 """Floors and tables: boxes in the frame of their upper side."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Final
 

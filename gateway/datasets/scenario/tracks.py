@@ -1,7 +1,5 @@
 """Reads tracks: CSV files with a column ``time`` in seconds and columns of numbers, between which values are linear."""
 
-from __future__ import annotations
-
 import csv
 from dataclasses import dataclass
 from functools import lru_cache

@@ -4,8 +4,6 @@ Missing values have the defaults of ``renderers.light_rig``. Positions and direc
 Z up; angles are in degrees. ``docs/scene-api.md`` has an example.
 """
 
-from __future__ import annotations
-
 import functools
 import hashlib
 import math

@@ -5,8 +5,6 @@ must be below one of these roots. With ``any_folder``, for programs on this mach
 extension is one of ``READABLE_EXTENSIONS``. Only regular files are read, and nothing from the network.
 """
 
-from __future__ import annotations
-
 import errno
 import os
 import threading

@@ -1,7 +1,5 @@
 """Parses mesh files: glTF here, other formats in a limited child process (``gateway.files.parsers``)."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 from typing import Final

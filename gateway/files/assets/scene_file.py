@@ -1,7 +1,5 @@
 """Reads glTF files that the operator names, and rotates them to Z up. They may refer to files in their own folder."""
 
-from __future__ import annotations
-
 import hashlib
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace

@@ -1,7 +1,5 @@
 """Poses the nodes of a document as one of its animations does at a time: transforms and weights of morph targets."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Any, Final
 

@@ -1,7 +1,5 @@
 """Buffers and buffer views. Their bytes come from data URIs, a resolver of files, or the binary chunk of a ``.glb``."""
 
-from __future__ import annotations
-
 import hashlib
 import re
 from collections.abc import Callable

@@ -1,7 +1,5 @@
 """First step of reading: split a ``.glb`` or ``.gltf`` file into its JSON text and its embedded binary data."""
 
-from __future__ import annotations
-
 import re
 import struct
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """Deforms vertices by morph targets and skins, as the nodes of a document pose them."""
 
-from __future__ import annotations
-
 import hashlib
 from collections.abc import Iterator
 from dataclasses import dataclass

@@ -5,8 +5,6 @@ robot moves, the text before the member ``nodes`` (accessors, buffers, materials
 stays the same. The SHA-256 of that text is the key; only the text from ``nodes`` on is parsed again.
 """
 
-from __future__ import annotations
-
 import hashlib
 import re
 from collections.abc import Mapping

@@ -1,7 +1,5 @@
 """Decompresses primitives of KHR_draco_mesh_compression, with the package DracoPy in a child process."""
 
-from __future__ import annotations
-
 import hashlib
 from collections.abc import Mapping
 from importlib.util import find_spec

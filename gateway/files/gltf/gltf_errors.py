@@ -1,7 +1,5 @@
 """Exceptions of the reader, their conversion to warnings, and checked access to the arrays of a document."""
 
-from __future__ import annotations
-
 from typing import Final, TypeVar
 
 from renderers.drawlist import ImageError

@@ -1,7 +1,5 @@
 """A scene read from a glTF document, the result of ``read_gltf``: its tree, its cameras, and names of its meshes."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Final, Literal, TypeAlias

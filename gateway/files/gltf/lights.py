@@ -4,8 +4,6 @@ An invalid light is left out with a warning, because only some looks use lights,
 adapt the references to lights when it merges several files.
 """
 
-from __future__ import annotations
-
 import math
 from typing import Final
 

@@ -1,7 +1,5 @@
 """Materials of a document, and the labels that Drake's client encodes in them."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import fields, replace
 from typing import Any, Final, TypeVar

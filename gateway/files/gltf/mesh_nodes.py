@@ -1,7 +1,5 @@
 """Adds nodes for instances and skinned meshes, and finds the poses of deformed meshes."""
 
-from __future__ import annotations
-
 from typing import Final, NamedTuple
 
 import numpy as np

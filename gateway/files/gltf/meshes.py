@@ -1,7 +1,5 @@
 """Reads primitives as ``Mesh`` objects; primitives of equal content and pose share one object."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any, Final

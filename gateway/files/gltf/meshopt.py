@@ -1,7 +1,5 @@
 """Decompresses buffer views of KHR_meshopt_compression, and of EXT_meshopt_compression, which is a part of it."""
 
-from __future__ import annotations
-
 from typing import Any, Final, TypeAlias
 
 import numpy as np

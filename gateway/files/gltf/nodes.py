@@ -1,7 +1,5 @@
 """Nodes of a document's scene: their order, and their local and world matrices."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import chain

@@ -1,7 +1,5 @@
 """Parses the JSON text of a document, and of its extensions, to the types of ``schema``."""
 
-from __future__ import annotations
-
 import functools
 import json
 import re

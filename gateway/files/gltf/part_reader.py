@@ -1,7 +1,5 @@
 """Reads the primitives of the meshes in use as parts."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from typing import TypeAlias
 

@@ -9,8 +9,6 @@
 A document that differs from an earlier one only in its nodes needs no step 3 (``document_cache``).
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from typing import Final
 

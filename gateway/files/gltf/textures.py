@@ -1,7 +1,5 @@
 """Textures, samplers and images of a document. Images are not decoded; only their headers are read."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass, field
 from typing import Final

@@ -1,7 +1,5 @@
 """Converts index lists of any primitive mode (strips, fans, loops) to separate points, lines or triangles."""
 
-from __future__ import annotations
-
 from typing import Any, Final
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Converts vertex attributes to the form that ``Mesh`` requires: finite numbers, RGBA, directions of unit length."""
 
-from __future__ import annotations
-
 from typing import Any, Final
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Reads COLLADA files with the package pycollada. Nodes and geometry are counted before they are expanded."""
 
-from __future__ import annotations
-
 import io
 from collections.abc import Iterator
 from typing import Any, Final

@@ -1,7 +1,5 @@
 """Content of a mesh file: what a parser's child process sends to the program, and how it is made of arrays."""
 
-from __future__ import annotations
-
 import msgspec
 import numpy as np
 from numpy.typing import ArrayLike, NDArray

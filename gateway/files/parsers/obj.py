@@ -1,7 +1,5 @@
 """Rewrites faces of OBJ files that trimesh would refuse or misread."""
 
-from __future__ import annotations
-
 import re
 from typing import Final
 

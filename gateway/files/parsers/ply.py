@@ -1,7 +1,5 @@
 """Repairs PLY files that trimesh does not read in full."""
 
-from __future__ import annotations
-
 import contextlib
 import dataclasses
 import re

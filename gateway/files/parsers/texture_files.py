@@ -1,7 +1,5 @@
 """Reads the textures that a mesh file refers to, and encodes those as PNG that the server does not decode."""
 
-from __future__ import annotations
-
 import io
 from collections.abc import Callable
 from typing import Final

@@ -4,8 +4,6 @@ Source: "VTK File Formats", section "Simple Legacy Formats". Versions 2 to 4 (CE
 (OFFSETS and CONNECTIVITY) are read. Drake's hydroelastic meshes are UNSTRUCTURED_GRID files of tetrahedra.
 """
 
-from __future__ import annotations
-
 import re
 from typing import Final
 

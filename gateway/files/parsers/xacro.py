@@ -3,8 +3,6 @@
 xacro evaluates Python expressions and reads included files, so only files that the user names are expanded.
 """
 
-from __future__ import annotations
-
 import errno
 import os
 import sys

@@ -1,7 +1,5 @@
 """Chooses the up axis of a robot's glTF meshes by its collision geometry."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import Literal, TypeAlias
 

@@ -1,7 +1,5 @@
 """Reads the meshes of a URDF or SDF robot, and converts its geometry to parts of the scene."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from dataclasses import replace
 from pathlib import Path

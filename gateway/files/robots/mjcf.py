@@ -1,7 +1,5 @@
 """Reads MJCF. The package ``mujoco`` compiles the file, in a limited child process, and computes the kinematics."""
 
-from __future__ import annotations
-
 import re
 import threading
 from collections.abc import Iterable, Mapping

@@ -1,7 +1,5 @@
 """Finds the files that an MJCF document refers to: for their digests, and to name the link in an error of MuJoCo."""
 
-from __future__ import annotations
-
 import os
 from collections.abc import Iterator
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Converts the geometry of a compiled MuJoCo model to parts of the scene."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from typing import Any, Final
 

@@ -1,7 +1,5 @@
 """Converts the materials and textures of a compiled MuJoCo model."""
 
-from __future__ import annotations
-
 import hashlib
 from typing import Any
 

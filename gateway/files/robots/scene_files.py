@@ -1,7 +1,5 @@
 """Reads scene files that the operator names: glTF, meshes and robots, by the suffix of the file's name."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Final

@@ -1,7 +1,5 @@
 """Expands xacro files with the package ``xacro``, in a child process with limited memory and time."""
 
-from __future__ import annotations
-
 import contextlib
 import importlib.util
 import os

@@ -1,7 +1,5 @@
 """Progress of compiling the kernels, as shown by ``/readyz``, the log, a terminal and responses to requests."""
 
-from __future__ import annotations
-
 import logging
 import math
 import sys

@@ -4,8 +4,6 @@ Python's regular expressions backtrack: a pattern such as ``(a+)+b`` takes years
 therefore have a form for which the number of attempts to match can be computed.
 """
 
-from __future__ import annotations
-
 import re
 import warnings
 from dataclasses import dataclass

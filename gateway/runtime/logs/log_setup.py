@@ -1,7 +1,5 @@
 """Log configuration: one line per event with the request's id, readable in a terminal and JSON elsewhere."""
 
-from __future__ import annotations
-
 import logging
 import os
 import sys

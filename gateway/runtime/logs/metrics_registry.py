@@ -1,7 +1,5 @@
 """Prometheus metrics, in a registry per application so that two in one process do not collide."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator, Mapping
 from typing import Final
 

@@ -1,7 +1,5 @@
 """A setting as a pydantic field, and its flag, environment variable and value as text for help and reference."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any, Literal, get_args, get_origin
 

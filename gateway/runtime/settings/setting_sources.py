@@ -1,7 +1,5 @@
 """Loads settings from flags, environment and a TOML file; every invalid value is one sentence that names its source."""
 
-from __future__ import annotations
-
 import os
 import tomllib
 from collections.abc import Iterable, Mapping

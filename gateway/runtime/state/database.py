@@ -8,8 +8,6 @@ SQLite reads a log up to its first damaged page and drops the rest in silence. T
 the number of the last commit, and an opened database with a smaller number has lost some.
 """
 
-from __future__ import annotations
-
 import contextlib
 import errno
 import os

@@ -1,7 +1,5 @@
 """A stereo camera's parameters in the database, as names and JSON values."""
 
-from __future__ import annotations
-
 import sqlite3
 from collections.abc import Collection, Mapping
 from typing import Any, Protocol

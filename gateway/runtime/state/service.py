@@ -4,8 +4,6 @@ One transaction, on a thread for commits only, stores all changes since the last
 the newest and the stored state, so its cost does not depend on the number of edits.
 """
 
-from __future__ import annotations
-
 import asyncio
 import contextlib
 import sqlite3

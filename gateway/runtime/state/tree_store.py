@@ -3,8 +3,6 @@
 Each transaction writes the differences between the live tree and the stored tree. All rows are read at start.
 """
 
-from __future__ import annotations
-
 import json
 import sqlite3
 import struct

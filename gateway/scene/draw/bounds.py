@@ -1,7 +1,5 @@
 """Axis-aligned bounding boxes of meshes, instances and scenes."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from functools import cached_property
 from typing import Final

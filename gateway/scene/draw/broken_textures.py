@@ -1,7 +1,5 @@
 """Removes textures that cannot be decoded. Such a texture would make every image of the live scene fail."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import msgspec

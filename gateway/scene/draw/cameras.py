@@ -12,8 +12,6 @@
     a free orthographic camera, whose image is twice ``xmag`` wide, as in glTF.
 """
 
-from __future__ import annotations
-
 import json
 import math
 from dataclasses import dataclass

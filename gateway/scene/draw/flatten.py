@@ -5,8 +5,6 @@ nodes that were edited or moved. One NumPy call multiplies the matrices of a who
 single nodes would take longer than the arithmetic.
 """
 
-from __future__ import annotations
-
 import threading
 from collections.abc import Callable, Iterable
 from typing import Final, NamedTuple

@@ -4,8 +4,6 @@ Text is drawn in one font, the first that has all its characters. Only scripts t
 has, such as Thai, Devanagari and those that run from right to left, depend on the fonts of the machine.
 """
 
-from __future__ import annotations
-
 import shutil
 import subprocess
 import threading

@@ -1,7 +1,5 @@
 """Meshes of rectangles, heightmaps and camera frustums, with texture coordinates for images."""
 
-from __future__ import annotations
-
 from typing import Final
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Mount of a stereo camera, a fixed pose or a node of the tree, as users write it."""
 
-from __future__ import annotations
-
 import re
 from dataclasses import dataclass
 from typing import Final

@@ -1,7 +1,5 @@
 """Parses what a query shows of the live scene besides its camera: hidden nodes and the background."""
 
-from __future__ import annotations
-
 import re
 from typing import Final
 

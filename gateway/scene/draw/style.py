@@ -1,7 +1,5 @@
 """Shading of images of a scene, as settings, commands and requests choose it."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Final, Literal
 

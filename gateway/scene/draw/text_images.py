@@ -1,7 +1,5 @@
 """Draws text into images."""
 
-from __future__ import annotations
-
 from typing import Final
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Places cameras in a scene: computes pose, focal length and clipping planes."""
 
-from __future__ import annotations
-
 import json
 import math
 from collections.abc import Iterator

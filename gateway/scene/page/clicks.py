@@ -4,8 +4,6 @@ A client names all paths whose clicks it wants and repeats that before ``lease_s
 vanished is forgotten afterwards; over UDP there is no other sign of it.
 """
 
-from __future__ import annotations
-
 import time
 from collections.abc import Callable, Hashable, Sequence
 from dataclasses import dataclass

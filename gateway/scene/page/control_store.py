@@ -5,8 +5,6 @@ vanished are removed. Clients that set the same path share the control: all of t
 limits of the client that added or changed it last.
 """
 
-from __future__ import annotations
-
 import contextlib
 import time
 from collections.abc import Callable, Hashable, Iterable, Sequence

@@ -1,7 +1,5 @@
 """Labels of the live tree: one number per path, which stays the same for the lifetime of the process."""
 
-from __future__ import annotations
-
 import threading
 from collections.abc import Mapping
 from typing import Final

@@ -1,7 +1,5 @@
 """The live tree that all interfaces share. It counts revisions, keeps recent states, and notifies listeners."""
 
-from __future__ import annotations
-
 import threading
 import time
 from bisect import bisect_right

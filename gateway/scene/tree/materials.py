@@ -1,7 +1,5 @@
 """Materials of geometries that clients publish with a colour."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import lru_cache
 from typing import Final

@@ -1,7 +1,5 @@
 """Affine and rigid transforms: (4, 4) float64, row-major, ``p_parent = R p_local + t``; quaternions [w, x, y, z]."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import Final
 

@@ -4,8 +4,6 @@ COCO, WebDataset and HDF5 need the packages of ``scenegate-client[formats]``. Th
 is complete.
 """
 
-from __future__ import annotations
-
 import importlib
 import json
 import shutil

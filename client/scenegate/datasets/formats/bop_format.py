@@ -4,8 +4,6 @@ A scene of the dataset is a scene of BOP in ``train_pbr``. An object of BOP is a
 millimetres. ``cam_K`` counts pixels as OpenCV does: the centre of the top left pixel is (0, 0), ours is (0.5, 0.5).
 """
 
-from __future__ import annotations
-
 import json
 import math
 from collections.abc import Iterator, Mapping

@@ -6,8 +6,6 @@ triads are converted from sRGB to linear colours, as glTF requires (3.7.2.1); th
 the tree. Hidden subtrees are left out, and so are nodes whose transform is not finite, which JSON cannot express.
 """
 
-from __future__ import annotations
-
 import math
 from typing import Any, Final
 

@@ -1,7 +1,5 @@
 """Builder of a glTF document: its JSON arrays, its buffer, and the ``.glb`` file that holds them."""
 
-from __future__ import annotations
-
 import json
 import struct
 from collections.abc import Callable, Hashable

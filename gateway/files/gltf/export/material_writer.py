@@ -1,7 +1,5 @@
 """Writes materials, textures and images into a ``GltfDocument``."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterable
 from typing import Any, Final
