@@ -1,5 +1,3 @@
 """Scenegate: a sensor stack without camera, GPU or display, on one scene and one CPU rasterizer."""
 
-from __future__ import annotations
-
 from scenegate import __version__ as __version__

@@ -1,7 +1,5 @@
 """Base class of what is closed at the end of a ``with`` block."""
 
-from __future__ import annotations
-
 from abc import ABC, abstractmethod
 from typing import TypeVar
 

@@ -83,9 +83,7 @@ class Credentials:
 def read_token(path: Path) -> str:
     """Return the first token in a file. Each line is a token; empty lines and lines that begin with ``#`` are skipped.
 
-    Raises:
-        OSError: the file cannot be read.
-        ValueError: the file has no token.
+    Raises OSError, or ValueError if the file has no token.
     """
     text = read_regular(path, _MAX_TOKEN_FILE_BYTES).decode("utf-8", "replace")
     for line in map(str.strip, text.splitlines()):

@@ -1,7 +1,5 @@
 """Requests to a gateway's HTTP port, with its token and certificates. Every error is one sentence."""
 
-from __future__ import annotations
-
 import http.client
 import json
 import socket
@@ -39,11 +37,9 @@ class GatewayAddress(NamedTuple):
 
 
 def parse_address(address: str, credentials: Credentials) -> GatewayAddress:
-    """Parse the address of a gateway, ``http://HOST:PORT``, or of its page.
+    """Parse the address of a gateway, ``http://HOST:PORT``, or of its page. Raises OSError for a certificate.
 
-    Raises:
-        GatewayRequestError: it is invalid, or is not encrypted although the credentials want that.
-        OSError: a certificate cannot be read.
+    Raises GatewayRequestError if it is invalid, or is not encrypted although the credentials want that.
     """
     try:
         url = urlsplit(address.partition("#")[0].partition("?")[0])
@@ -61,20 +57,11 @@ def parse_address(address: str, credentials: Credentials) -> GatewayAddress:
 def fetch(
     address: str, path: str, credentials: Credentials, wanted: str, timeout: float = FETCH_SECONDS, **query: object
 ) -> bytes:
-    """Return the body of the response to ``GET path``.
+    """Return the body of the response to ``GET path`` of a gateway, ``http://HOST:PORT``, or of its page.
 
-    Args:
-        address: of the gateway's HTTP port, ``http://HOST:PORT``, or of its page.
-        path: such as ``stereo/truth.npz``.
-        credentials: token and certificates.
-        wanted: what the response has, for errors: ``ground truth``.
-        timeout: seconds for the connection, and for each part of the response.
-        query: parameters of the request. None: left out.
-
-    Raises:
-        GatewayRequestError: the gateway refuses the request.
-        GatewayError: the gateway does not respond.
-        OSError: a certificate cannot be read.
+    ``wanted``: what the response has, for errors. ``timeout``: seconds for the connection, and for each part of the
+    response. ``query``: parameters; None: left out. Raises GatewayRequestError if the gateway refuses the request,
+    GatewayError if it does not respond, or OSError for a certificate.
     """
     host, port, prefix, context = parse_address(address, credentials)
     connection = (

@@ -1,7 +1,5 @@
 """Suggestions for names that do not exist, at the end of an error message."""
 
-from __future__ import annotations
-
 import difflib
 from collections.abc import Iterable
 from typing import Final

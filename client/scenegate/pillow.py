@@ -1,7 +1,5 @@
 """Imports Pillow, which only reading images and writing JPEG files need."""
 
-from __future__ import annotations
-
 from types import ModuleType
 
 

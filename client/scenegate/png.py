@@ -1,7 +1,5 @@
 """Encodes PNG files with the standard library, for programs without an image library."""
 
-from __future__ import annotations
-
 import struct
 import zlib
 from typing import Any, Final

@@ -1,7 +1,5 @@
 """Text of files, messages and clients as a terminal may show it."""
 
-from __future__ import annotations
-
 
 def printable(text: str) -> str:
     """Return text with control characters, line breaks and other invisible characters as backslash escapes.

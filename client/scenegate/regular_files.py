@@ -3,8 +3,6 @@
 A path on the command line may be a pipe: ``read_file_or_pipe``.
 """
 
-from __future__ import annotations
-
 import errno
 import hashlib
 import io
@@ -27,13 +25,9 @@ _POLL_MILLISECONDS: Final = 50
 
 
 def open_regular(path: str | os.PathLike[str], *, follow_links: bool = True) -> BinaryIO:
-    """Open a regular file for reading.
+    """Open a regular file for reading. Raises OSError if it cannot be opened, or is not a regular file.
 
-    Args:
-        follow_links: False: a symbolic link as the last element of the path is an error.
-
-    Raises:
-        OSError: it cannot be opened, or is not a regular file.
+    ``follow_links`` False: a symbolic link as the last element of the path is an error.
     """
     # Without O_NONBLOCK, opening a named pipe would block for ever.
     descriptor = _open(path, follow_links)
@@ -49,8 +43,7 @@ def open_regular(path: str | os.PathLike[str], *, follow_links: bool = True) -> 
 def read_regular(path: str | os.PathLike[str], max_bytes: int = MAX_BYTES, *, follow_links: bool = True) -> bytes:
     """Return the bytes of a regular file.
 
-    Raises:
-        OSError: it cannot be read, is not a regular file, has more than ``max_bytes``, or is a pointer of Git LFS.
+    Raises OSError if it cannot be read, is not regular, has more than ``max_bytes``, or is a pointer of Git LFS.
     """
     with open_regular(path, follow_links=follow_links) as file:
         if os.fstat(file.fileno()).st_size > max_bytes:
@@ -86,13 +79,9 @@ def is_pipe(path: Path) -> bool:
 def read_file_or_pipe(
     path: str | os.PathLike[str], max_bytes: int = MAX_BYTES, check: Callable[[], object] = lambda: None
 ) -> bytes:
-    """Return the bytes of a file from the command line, which may be a pipe: ``<(xacro …)``.
+    """Return the bytes of a file from the command line, also a pipe: ``<(xacro …)``. Raises as ``read_regular``.
 
-    Args:
-        check: Called again and again while it reads; may raise an exception to cancel it.
-
-    Raises:
-        OSError: as for ``read_regular``.
+    ``check`` is called again and again while it reads; it may raise an exception to cancel it.
     """
     descriptor = _open(path, follow_links=True)
     if stat.S_ISDIR(os.fstat(descriptor).st_mode):  # FileIO would leave it open, and name it by its number
@@ -130,8 +119,7 @@ def errors_name(path: str | os.PathLike[str]) -> Iterator[None]:
 def sha256_of(path: Path, check: Callable[[], object] = lambda: None) -> str | None:
     """Return the SHA-256 of a regular file as 64 hexadecimal digits; None if it is missing or cannot be read.
 
-    Args:
-        check: Called again and again while it reads; may raise an exception to cancel it.
+    ``check`` is called again and again while it reads; it may raise an exception to cancel it.
     """
     digest = hashlib.sha256()
     try:

@@ -1,7 +1,5 @@
 """Affine and rigid transforms: (4, 4) float64, row-major, ``p_parent = R p_local + t``; quaternions [w, x, y, z]."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from typing import Any, Final, TypeAlias
@@ -29,12 +27,9 @@ SAFE_SQUARED_NORMS: Final = (1e-200, 1e200)
 
 
 def from_pose(translation: Vector, quaternion: Vector) -> Matrix:
-    """Return a rigid transform.
+    """Return a rigid transform of (3,) metres and (4,) [w, x, y, z] of any length.
 
-    Args:
-        translation: (3,) metres.
-        quaternion: (4,) [w, x, y, z] of any length. All zeros means no rotation, as in Director. Non-finite numbers
-            give a non-finite matrix.
+    A quaternion of zeros means no rotation, as in Director. Non-finite numbers give a non-finite matrix.
     """
     w, x, y, z = quaternion
     squared_norm = w * w + x * x + y * y + z * z
@@ -63,15 +58,9 @@ def is_rotation(R: NDArray[np.float64], tolerance: float) -> bool:
 
 
 def quaternions_of(R: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the unit quaternions [w, x, y, z] of rotation matrices, by Shepperd's method (1978).
+    """Return the unit quaternions [w, x, y, z], (N, 4), of rotation matrices, (N, 3, 3), by Shepperd's method (1978).
 
     Each row of the matrix below is a multiple of the quaternion. The row with the largest diagonal element is used.
-
-    Args:
-        R: (N, 3, 3) float64.
-
-    Returns:
-        (N, 4) float64.
     """
     (xx, xy, xz), (yx, yy, yz), (zx, zy, zz) = R.transpose(1, 2, 0)
     rows = np.array(

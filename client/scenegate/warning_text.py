@@ -1,7 +1,5 @@
 """Sentences of errors that join several warnings."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Sequence
 from typing import Final
 

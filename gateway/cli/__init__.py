@@ -1,7 +1,5 @@
 """The server's commands: ``scenegate serve | view | render | export | dataset | convert | doctor | warmup``."""
 
-from __future__ import annotations
-
 import signal
 import sys
 from collections.abc import Sequence
@@ -11,14 +9,7 @@ from scenegate.cli.output import exit_with_usage_error
 
 
 def main(arguments: Sequence[str]) -> None:
-    """Run a command; the entry points of ``scenegate.commands`` call this.
-
-    Args:
-        arguments: Name of the command, and its arguments.
-
-    Raises:
-        SystemExit: The command has an exit code.
-    """
+    """Run a command with its arguments; the entry points of ``scenegate.commands`` call this. Raises SystemExit."""
     if list(arguments[:1]) == ["serve"]:
         signal.signal(signal.SIGTERM, lambda *_: sys.exit(0))  # until the server handles it
     first_line.write(arguments)

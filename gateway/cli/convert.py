@@ -1,7 +1,5 @@
 """``scenegate convert``: write the scene of an LCM log to an MCAP file."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Annotated, Literal
 

@@ -1,7 +1,5 @@
 """``scenegate dataset``: commands for datasets."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Annotated, Final, Literal
 

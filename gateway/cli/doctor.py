@@ -3,8 +3,6 @@
 Imports are late: the command has to work where libraries or packages of ours do not.
 """
 
-from __future__ import annotations
-
 import sys
 from collections import Counter
 from collections.abc import Iterable, Iterator

@@ -4,8 +4,6 @@ On a slow disk and a busy machine, imports take ten seconds. This module imports
 library, so it parses two settings itself, the log's level and format; ``gateway.runtime.settings`` checks them later.
 """
 
-from __future__ import annotations
-
 import json
 import os
 import sys

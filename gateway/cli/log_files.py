@@ -25,15 +25,9 @@ MeshRoot: TypeAlias = Annotated[
 
 
 def open_log_file(path: Path, mesh_root: str) -> LogTimeline:
-    """Open a log; a progress bar shows that its headers are read.
+    """Open a log; a progress bar shows that its headers are read. ``mesh_root`` is as the setting.
 
-    Args:
-        mesh_root: as the setting.
-
-    Raises:
-        typer.BadParameter: ``mesh_root`` or an environment variable is invalid.
-        LogError: the file is not an LCM log, or none of its messages can be shown.
-        OSError: the log cannot be read.
+    Raises ``typer.BadParameter`` (also for the environment), LogError if nothing of the file can be shown, or OSError.
     """
     from gateway.files.assets.mesh_files import MeshFiles
     from gateway.replay.log_timeline import open_log

@@ -111,8 +111,7 @@ def _render_dataset(
 def _check_options(options: RenderOptions, types: tuple[ImageType, ...], *, is_image: bool) -> tuple[ExportFormat, ...]:
     """Check options before kernels are compiled and scenes are read; return the formats to export the dataset to.
 
-    Raises:
-        ValueError: an option is invalid, or excluded by another.
+    Raises ValueError if an option is invalid, or excluded by another.
     """
     from scenegate.datasets.formats import FORMATS, check_destination, check_types
     from scenegate.robots.joint_text import parse_joints

@@ -1,7 +1,5 @@
 """``scenegate render`` with a folder as output: runs a job, shows its progress and reports failures."""
 
-from __future__ import annotations
-
 import signal
 import time
 from collections.abc import Iterator
@@ -14,7 +12,7 @@ import typer
 from gateway.datasets.job import Job, Result
 from gateway.datasets.local_tasks import run_local
 from gateway.datasets.ray_tasks import run_ray
-from gateway.datasets.run import Progress, run
+from gateway.datasets.run import RunProgress, run
 from scenegate.cli.output import print_note
 from scenegate.cli.progress_bar import clock_text, progress_bar
 from scenegate.datasets import manifest
@@ -24,14 +22,10 @@ LOG_SECONDS: Final = 10.0
 
 
 def render_dataset(job: Job, cores: int, ray: str | None) -> bool:
-    """Create or complete a dataset. Return True if all samples could be rendered.
+    """Create or complete a dataset on cores of this machine, or on the Ray cluster at an address.
 
-    Args:
-        cores: number of cores of this machine to use.
-        ray: address of a Ray cluster to use instead.
-
-    Raises:
-        ValueError, OSError, RuntimeError: the run could not be started; the message is one sentence.
+    Returns True if all samples could be rendered. Raises ValueError, OSError or RuntimeError, a sentence, if it cannot
+    start.
     """
     signal.signal(signal.SIGTERM, signal.default_int_handler)  # stop like Ctrl+C
     execute = partial(run_local, cores=cores) if ray is None else partial(run_ray, address=ray)
@@ -45,12 +39,12 @@ def render_dataset(job: Job, cores: int, ray: str | None) -> bool:
     return not progress.failures
 
 
-def _run_with_progress(job: Job, execute: partial[Iterator[Result]]) -> Progress:
+def _run_with_progress(job: Job, execute: partial[Iterator[Result]]) -> RunProgress:
     """Run the job; show a progress bar on a terminal, else a line every ``LOG_SECONDS``."""
     begin = logged = time.monotonic()
     with progress_bar("Rendering", f"of {job.size} samples", job.size) as bar:
 
-        def report(progress: Progress) -> None:
+        def report(progress: RunProgress) -> None:
             nonlocal logged
             note = f"{len(progress.failures)} failed" if progress.failures else ""
             bar.update(progress.finished, progress.finished, note=note)
@@ -63,7 +57,7 @@ def _run_with_progress(job: Job, execute: partial[Iterator[Result]]) -> Progress
         return run(job, execute, report)
 
 
-def _print_result(out: Path, progress: Progress, seconds: float) -> None:
+def _print_result(out: Path, progress: RunProgress, seconds: float) -> None:
     for note in progress.notes:
         print_note(f"{out}: {note}")
     for name, warnings in sorted(progress.warnings.items()):

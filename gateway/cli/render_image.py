@@ -1,7 +1,5 @@
 """``scenegate render`` with an image as output: one scene, one view, one type."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 from gateway.datasets.rendering import IMAGE_FORMATS, OUTPUTS, render_images, rig_warning, style_of, view_hint
@@ -18,14 +16,10 @@ from scenegate.datasets.manifest import Settings
 def render_image(
     path: Path, out: Path, settings: Settings, views: tuple[View, ...], threads: int, timeout: float
 ) -> None:
-    """Write one image; a label image gets a ``.labels.json`` beside it.
+    """Write one image in at most ``timeout`` seconds (0: no limit); a label image gets a ``.labels.json`` beside it.
 
-    Args:
-        timeout: maximum time in seconds for all of it; 0: no limit.
-
-    Raises:
-        ValueError: there is more than one view, or the scene cannot be rendered.
-        OSError: the image cannot be written, or took longer than the timeout.
+    Raises ValueError for several views or a scene that cannot be rendered; OSError if the image cannot be written in
+    time.
     """
     error = TimeoutError(f"{out}: it took longer than --timeout = {timeout:g} s")
     run_within(timeout, lambda: _render_image(path, out, settings, views, threads), error)

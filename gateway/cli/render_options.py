@@ -1,7 +1,5 @@
 """Options of ``scenegate render``, from which Typer makes its flags."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, Literal

@@ -33,8 +33,7 @@ CLOSE_SECONDS: Final = 0.5
 def serve_app(create: Callable[..., FastAPI], listener: socket.socket) -> int:
     """Serve an application until a signal. Return 0, 1 after a fatal error, or 3 if it could not start.
 
-    Args:
-        create: ``create_app`` with all arguments but ``on_started`` and ``on_fatal``.
+    ``create`` is ``create_app`` with all arguments but ``on_started`` and ``on_fatal``.
     """
     log = structlog.get_logger("gateway")
     fatal = False

@@ -1,7 +1,5 @@
 """``scenegate serve --workers``: several processes on one port, under a supervisor."""
 
-from __future__ import annotations
-
 import os
 import shutil
 import signal
@@ -36,9 +34,7 @@ _OLD_SECONDS: Final = 60.0
 def serve_workers(settings: Settings, listener: socket.socket) -> int:
     """Serve until a signal, and return the exit code. The supervisor replaces processes that end or hang.
 
-    Args:
-        settings: settings of each process.
-        listener: listening socket, from which all processes accept connections.
+    All processes accept connections from ``listener``.
     """
     log = structlog.get_logger("gateway")
     process_tuning.freeze_gc()
@@ -60,12 +56,7 @@ def serve_workers(settings: Settings, listener: socket.socket) -> int:
 
 
 def run_worker(settings: Settings, folder: Path, listener: socket.socket, connection: Connection) -> None:
-    """Serve in one process. Arguments as for ``serve_workers``.
-
-    Args:
-        folder: shared folder of the processes' reports.
-        connection: connection to the supervisor.
-    """
+    """Serve in one process. ``folder``: that of the processes' reports. ``connection``: that to the supervisor."""
     process_tuning.pause_gc()
     process_tuning.end_with_parent()
     for number in TERMINAL_SIGNALS:  # the supervisor handles them, and sends SIGTERM; the server also handles SIGINT
@@ -87,11 +78,7 @@ def run_worker(settings: Settings, folder: Path, listener: socket.socket, connec
 
 @contextmanager
 def reports_folder() -> Iterator[Path]:
-    """Yield a new, locked temporary folder. First remove the folders that killed supervisors have left.
-
-    Raises:
-        OSError: the folder cannot be created.
-    """
+    """Yield a new, locked temporary folder; remove first what killed supervisors have left. Raises OSError."""
     for folder in Path(tempfile.gettempdir()).glob(f"{_PREFIX}*"):
         with suppress(OSError):  # it belongs to another user
             if time.time() - folder.lstat().st_mtime > _OLD_SECONDS:

@@ -1,7 +1,5 @@
 """``scenegate view``: shows a log in the browser."""
 
-from __future__ import annotations
-
 import sys
 from functools import partial
 from pathlib import Path

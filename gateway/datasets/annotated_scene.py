@@ -1,7 +1,5 @@
 """The annotated objects of a scene: what does not depend on the camera. ``annotations`` finds their pixels."""
 
-from __future__ import annotations
-
 import hashlib
 from collections.abc import Callable, Hashable, Iterable
 from dataclasses import dataclass
@@ -64,11 +62,7 @@ class AnnotatedScene:
 
 
 def annotate_scene(scene: LoadedScene, classes: ClassTable, save: SaveModel) -> AnnotatedScene:
-    """Return the objects of a scene that have a class, and save their models.
-
-    Raises:
-        SceneError: the scene has more than ``MAX_OBJECTS``.
-    """
+    """Return the objects of a scene with a class, and save their models. Raises SceneError above ``MAX_OBJECTS``."""
     scene_name = scene.description.scene
     candidates = joined_objects(scene.objects, partial(classes.is_whole, scene_name))
     class_ids = {each.path: classes.class_of(scene_name, each.path, each.model) for each in candidates}
@@ -119,11 +113,9 @@ class _Models:
         self._names: dict[Hashable, str | None] = {}
 
     def add(self, name: str, key: Hashable, geometry: DrawList, X_model_node: Matrix) -> str | None:
-        """Return the name of the model of an object; None if it has no geometry.
+        """Return the name of the model of an object with geometry in the frame of its node; None without geometry.
 
-        Args:
-            key: equal keys mean equal geometry.
-            geometry: geometry in the frame of the node.
+        Equal keys mean equal geometry.
         """
         if key not in self._names:
             model = make_model(geometry.instances, X_model_node)
@@ -144,9 +136,7 @@ class _Models:
 def make_model(instances: Iterable[Instance], X_model_node: Matrix) -> tuple[ModelRecord, bytes] | None:
     """Return the record of the model of an object, and its PLY file, called after its digest; None: no finite vertex.
 
-    Args:
-        instances: geometry of the object in the frame of its node. Points and lines have vertices, but no triangles.
-        X_model_node: (4, 4), affine.
+    The instances are in the frame of its node. Points and lines have vertices, but no triangles.
     """
     all_vertices: list[NDArray[np.float32]] = []
     all_triangles: list[NDArray[np.int64]] = []

@@ -74,8 +74,7 @@ def annotate(
 ) -> Annotations:
     """Annotate a frame with ``ANNOTATION_OUTPUTS``, which was rendered with this camera and look.
 
-    Args:
-        with_masks: False: ``Annotations.masks`` is empty.
+    ``with_masks`` False: there are no silhouettes.
     """
     assert frame.instance is not None
     assert frame.depth is not None

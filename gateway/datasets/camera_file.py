@@ -1,7 +1,5 @@
 """Read the file of ``--cameras``: JSON with views of all scenes or of single scenes. See ``docs/datasets.md``."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -45,11 +43,7 @@ class CameraFile:
 
 
 def read_camera_file(path: Path) -> CameraFile:
-    """Read a camera file.
-
-    Raises:
-        CameraError: the file cannot be read, or an entry is invalid; the message names the entry.
-    """
+    """Read a camera file. Raises CameraError, with the entry, if it cannot be read or an entry is invalid."""
     with errors_as(CameraError, path, msgspec.DecodeError, UnicodeDecodeError, RecursionError):
         content = msgspec.json.decode(read_regular(path, MAX_FILE_BYTES), type=_FileContent)
     if not content.cameras and not content.scenes:

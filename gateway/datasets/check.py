@@ -3,8 +3,6 @@
 ``scenegate dataset check`` uses it.
 """
 
-from __future__ import annotations
-
 import os
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
@@ -52,8 +50,7 @@ class Report:
 def check_dataset(folder: Path, threads: int, show: Callable[[int, int], object] = lambda done, total: None) -> Report:
     """Check all files of a dataset. Errors are not raised, but are in the report.
 
-    Args:
-        show: called now and then with the numbers of checked and of all samples.
+    ``show`` is called now and then with the numbers of checked and of all samples.
     """
     report = Report()
     try:
@@ -92,11 +89,7 @@ def _check_samples(
     report: Report,
     show: Callable[[int, int], object],
 ) -> None:
-    """Check the samples of the manifest.
-
-    Raises:
-        RecordError: a line of the manifest cannot be read.
-    """
+    """Check the samples of the manifest. Raises RecordError if a line cannot be read."""
     # Hashes instead of texts: the names of a million samples would take 600 MB.
     id_hashes, path_hashes = set[int](), set[int]()
 
@@ -160,11 +153,7 @@ def _read_scene(
 
 
 def _note_unknown_files(folder: Path, path_hashes: set[int], report: Report) -> None:
-    """Add a note for each file in the folders of scenes that is not in the manifest.
-
-    Args:
-        path_hashes: hashes of the paths of all images in the manifest.
-    """
+    """Add a note for each file in the folders of scenes whose path is not among the hashes of those of the manifest."""
     for path, folders, files in os.walk(folder / manifest.SCENES_FOLDER):
         folders.sort()
         for name in sorted(files):

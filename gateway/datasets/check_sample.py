@@ -1,7 +1,5 @@
 """Check a sample of a dataset: its record, its image files and the annotations of its objects, for ``check``."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any, Final

@@ -16,8 +16,6 @@ The file is TOML or JSON. The first entry that matches an object gives its class
 In a pattern, ``*`` stands for any characters, ``?`` for one, ``[abc]`` for one of these.
 """
 
-from __future__ import annotations
-
 import hashlib
 import tomllib
 from collections.abc import Iterable
@@ -99,11 +97,7 @@ NO_CLASSES: Final = ClassTable()
 
 
 def classes_of_models(models: Iterable[str]) -> ClassTable:
-    """Return a class for each model, numbered by name.
-
-    Raises:
-        DatasetError: there are more than ``MAX_CLASSES``.
-    """
+    """Return a class for each model, numbered by name. Raises DatasetError if there are more than ``MAX_CLASSES``."""
     names = sorted(set(models))
     if len(names) > MAX_CLASSES:
         raise DatasetError(f"{len(names)} models are more than {MAX_CLASSES} classes; --classes can join some")
@@ -111,11 +105,7 @@ def classes_of_models(models: Iterable[str]) -> ClassTable:
 
 
 def read_classes(path: Path) -> tuple[ClassTable, str]:
-    """Return the classes of a file, and the SHA-256 of the file.
-
-    Raises:
-        DatasetError: the file cannot be read, or an entry is invalid; the message names the entry.
-    """
+    """Return the classes of a file, and its SHA-256. Raises DatasetError, with the entry, if it cannot be used."""
     with errors_as(DatasetError, path, ValueError, RecursionError):  # ValueErrors: those of msgspec, TOML and UTF-8
         data = read_regular(path, _MAX_FILE_BYTES)
         values = msgspec.json.decode(data) if path.suffix.lower() == ".json" else tomllib.loads(data.decode())

@@ -4,8 +4,6 @@ Each sample is a thumbnail with the visible masks and boxes of its objects, in c
 the samples with one class. Nothing is loaded from elsewhere.
 """
 
-from __future__ import annotations
-
 import base64
 import colorsys
 import io
@@ -63,9 +61,7 @@ document.querySelector("select").onchange = (event) => {
 def contact_sheet(dataset: Dataset, count: int) -> str:
     """Return an HTML page of up to ``count`` random samples, the same ones for each call.
 
-    Raises:
-        RecordError: a line of the manifest cannot be read.
-        ValueError: the dataset has no samples.
+    Raises RecordError, or ValueError if the dataset has no samples.
     """
     if not len(dataset):
         raise ValueError(f"{dataset.folder} has no samples")

@@ -1,7 +1,5 @@
 """Materials, cameras and depth of ``albedo``, ``stereo``, ``flow`` and ``measured`` images."""
 
-from __future__ import annotations
-
 import struct
 from dataclasses import replace
 from functools import lru_cache

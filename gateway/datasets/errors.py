@@ -1,7 +1,5 @@
 """The error of commands for datasets."""
 
-from __future__ import annotations
-
 
 class DatasetError(ValueError):
     """A dataset cannot be made of what a command names; the message is one sentence."""

@@ -1,7 +1,5 @@
 """Write files atomically, lock the folder of a dataset, and hash files."""
 
-from __future__ import annotations
-
 import os
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
@@ -19,9 +17,6 @@ def write_atomically(path: Path, data: bytes | Iterable[bytes]) -> None:
     """Write a file under a temporary name and rename it. Missing folders are created.
 
     If the process is killed before the rename, the temporary file stays until ``remove_temporary_files``.
-
-    Args:
-        data: content, or consecutive parts of it.
     """
     with temporary_name(path) as temporary:
         with temporary.open("wb") as file:
@@ -49,11 +44,7 @@ def remove_temporary_files(folder: Path) -> None:
 
 @contextmanager
 def locked(folder: Path) -> Iterator[None]:
-    """Hold an exclusive lock on a folder, where its file system has locks.
-
-    Raises:
-        DatasetError: another process holds the lock.
-    """
+    """Hold an exclusive lock on a folder, where its file system has locks. Raises DatasetError if another one does."""
     descriptor = os.open(folder, os.O_RDONLY)
     try:
         if try_lock(descriptor) is Lock.TAKEN:

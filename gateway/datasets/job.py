@@ -98,20 +98,16 @@ class Job:
             return views[index + 1] if pose.index == next_pose.index else None
         return views[index + 1]
 
-    def tasks(self, is_done: Callable[[int], bool], renderer_digest: str) -> list[Task]:
-        """Return tasks for the samples that do not exist yet, in the order of the scenes.
-
-        Args:
-            is_done: returns True if the sample with a number exists.
-        """
-        tasks: list[Task] = []
+    def tasks(self, is_done: Callable[[int], bool], renderer_digest: str) -> list[RenderTask]:
+        """Return tasks for the samples whose number is not ``is_done``, in the order of the scenes."""
+        tasks: list[RenderTask] = []
         for first_number, source in self._first_numbers.values():
             if source.problem:
                 continue
             views = range(len(self.views_of(source)))
             missing = [self._planned(first_number, source, k) for k in views if not is_done(first_number + k)]
             tasks.extend(
-                Task(
+                RenderTask(
                     source,
                     tuple(missing[k : k + VIEWS_PER_TASK]),
                     str(self.out),
@@ -142,7 +138,7 @@ class Job:
 
 
 @dataclass(frozen=True, slots=True)
-class Task:
+class RenderTask:
     """Views of one scene that a worker process renders. It is sent to the process by pickle."""
 
     source: Source
@@ -184,15 +180,10 @@ def make_job(
     timeout: float = 0.0,
     classes: ClassTable = NO_CLASSES,
 ) -> Job:
-    """Return the job for a command line. Arguments that are not listed are fields of ``Job``.
+    """Return the job for a command line, with the views of the camera file.
 
-    Args:
-        views: views from the command line. If there are no default views at all, each scene has one: its file's first
-            camera, or ``fit``.
-        cameras: views from the camera file.
-
-    Raises:
-        DatasetError: two views have the same name, or the camera file names a scene that does not exist.
+    If there are no default views at all, each scene has one: its file's first camera, or ``fit``. Raises DatasetError
+    if two views have the same name, or the camera file names a scene that does not exist.
     """
     default_views = (*views, *cameras.default_views) or (View("default", None),)
     name, count = Counter(view.name for view in default_views).most_common(1)[0]

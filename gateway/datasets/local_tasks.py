@@ -3,8 +3,6 @@
 There is one process per core, because threads would wait for each other: reading scenes holds the GIL.
 """
 
-from __future__ import annotations
-
 import contextlib
 import ctypes
 import multiprocessing
@@ -18,14 +16,14 @@ from contextlib import ExitStack
 from dataclasses import replace
 from typing import Final
 
-from gateway.datasets.job import Result, Task
+from gateway.datasets.job import RenderTask, Result
 
 _PR_SET_PDEATHSIG: Final = 1
 """Option of prctl(2): send this process a signal when its parent ends."""
 DIED_MESSAGE: Final = "the process that rendered it died twice (out of memory?)"
 
 
-def run_local(tasks: list[Task], cores: int) -> Iterator[Result]:
+def run_local(tasks: list[RenderTask], cores: int) -> Iterator[Result]:
     """Yield the results of tasks in the order in which they finish.
 
     A task whose process died is run again at the end, without other processes. If its process dies again, the task has
@@ -43,15 +41,15 @@ def run_local(tasks: list[Task], cores: int) -> Iterator[Result]:
     yield from (task.failed(DIED_MESSAGE) for task in interrupted_again)
 
 
-def _run_in_parallel(tasks: list[Task], worker_count: int) -> Generator[Result, None, list[Task]]:
+def _run_in_parallel(tasks: list[RenderTask], worker_count: int) -> Generator[Result, None, list[RenderTask]]:
     """Yield the results of tasks in the order in which they finish; return the tasks whose process died.
 
     Each process has its own pool, because all tasks of a pool fail when one of its processes dies.
     """
-    pending, interrupted = deque(tasks), list[Task]()
+    pending, interrupted = deque(tasks), list[RenderTask]()
     with ExitStack() as stack:
         idle_pools: list[ProcessPoolExecutor] = []
-        running: dict[Future[Result], tuple[Task, ProcessPoolExecutor]] = {}
+        running: dict[Future[Result], tuple[RenderTask, ProcessPoolExecutor]] = {}
         try:
             while pending or running:
                 while pending and len(running) < worker_count:
@@ -82,7 +80,7 @@ def _single_process_pool() -> ProcessPoolExecutor:
     return ProcessPoolExecutor(1, mp_context=context, initializer=_initialize, initargs=(os.getpid(),))
 
 
-def _submit(pool: ProcessPoolExecutor, task: Task) -> Future[Result]:
+def _submit(pool: ProcessPoolExecutor, task: RenderTask) -> Future[Result]:
     """Give a task to a pool, which may start its process.
 
     The process inherits that Ctrl+C is blocked, so that it does not end before ``_initialize`` runs. Here, Ctrl+C and
@@ -113,7 +111,7 @@ def _initialize(parent_id: int) -> None:
             os._exit(1)
 
 
-def _run_task(task: Task) -> Result:
+def _run_task(task: RenderTask) -> Result:
     from gateway.datasets.worker import run_task  # it imports kernels, so the kernel cache must be configured before
 
     return run_task(task)

@@ -1,7 +1,5 @@
 """Poses of a node over time from an LCM log, as the track of a scenario (``gateway.datasets.scenario.tracks``)."""
 
-from __future__ import annotations
-
 import csv
 import io
 from collections.abc import Iterator
@@ -20,16 +18,8 @@ from gateway.scene.tree.transforms import Matrix, quaternions_of
 def track_csv_of_log(log: Path, node: TreePath) -> str:
     """Return the poses of a node in the world as CSV, at the times at which they change.
 
-    Times are seconds since the log's first message.
-
-    Args:
-        log: LCM log with messages of tree viewer clients or of Drake.
-        node: path of the node.
-
-    Raises:
-        DatasetError: the log never has the node, or its pose is not finite.
-        EventLogError: the file is not an LCM log.
-        OSError: the file cannot be read.
+    Times are seconds since the log's first message. Raises DatasetError if the log never has the node or its pose is
+    not finite, EventLogError or OSError.
     """
     out = io.StringIO()
     writer = csv.writer(out, lineterminator="\n")

@@ -1,7 +1,5 @@
 """Objects of a scene: the nodes that are annotated, with their frames, and the geometry that each of them owns."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
@@ -44,18 +42,13 @@ class ObjectFrame:
 def objects_of(root: Node, models: Mapping[TreePath, str] = MappingProxyType({})) -> tuple[SceneObject, ...]:
     """Return an object for each node with geometry: each mesh node of a glTF file, link of a robot, path of a tree.
 
-    Args:
-        models: names of models by path; other models are called after their path.
+    Models that ``models`` does not name are called after their path.
     """
     return tuple(SceneObject(path, models.get(path) or _model_name(path)) for path, node in root.walk() if node.parts)
 
 
 def joined_objects(objects: tuple[SceneObject, ...], is_whole: Callable[[TreePath], bool]) -> tuple[SceneObject, ...]:
-    """Return objects, with those below a whole node replaced by one object of that node, called after it.
-
-    Args:
-        is_whole: returns True for the path of a whole node.
-    """
+    """Return objects, with those below a node that ``is_whole`` replaced by one that is called after the node."""
     joined: dict[TreePath, SceneObject] = {}
     for each in objects:
         top = next((each.path[:n] for n in range(1, len(each.path)) if is_whole(each.path[:n])), None)
@@ -96,8 +89,7 @@ def object_frame(X_world_node: Matrix) -> ObjectFrame | None:
 def owner_numbers(root: Node, numbers: Mapping[TreePath, int]) -> NDArray[np.int64]:
     """Return the number of the object that owns each instance of a scene, (I,) in the order of its draw list; 0: none.
 
-    Args:
-        numbers: numbers of objects by path; 0 for objects that are not annotated.
+    The numbers of objects that are not annotated are 0.
     """
 
     def owner_of(path: TreePath) -> int:

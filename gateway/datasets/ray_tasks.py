@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, Final
 from gateway.datasets.errors import DatasetError
 
 if TYPE_CHECKING:
-    from gateway.datasets.job import Result, Task
+    from gateway.datasets.job import RenderTask, Result
 
 MAX_RETRIES: Final = 3
 """Maximum number of times that Ray repeats a task whose worker process or node died."""
@@ -17,14 +17,11 @@ TASKS_PER_CORE: Final = 2
 """Number of tasks per core of the cluster that are submitted at a time. With 2, no core waits for its next task."""
 
 
-def run_ray(tasks: list[Task], address: str) -> Iterator[Result]:
+def run_ray(tasks: list[RenderTask], address: str) -> Iterator[Result]:
     """Yield the results of tasks in the order in which they finish.
 
-    Args:
-        address: address of the cluster (``HOST:6379``, ``ray://HOST:10001``, ``auto``), or ``local`` to start one.
-
-    Raises:
-        DatasetError: Ray is not installed, or there is no cluster at the address.
+    ``address``: that of the cluster (``HOST:6379``, ``ray://HOST:10001``, ``auto``), or ``local`` to start one. Raises
+    DatasetError if Ray or the cluster is not there.
     """
     try:
         import ray
@@ -43,11 +40,11 @@ def run_ray(tasks: list[Task], address: str) -> Iterator[Result]:
             ray.shutdown()
 
 
-def _results(ray: Any, tasks: list[Task]) -> Iterator[Result]:
+def _results(ray: Any, tasks: list[RenderTask]) -> Iterator[Result]:
     """Yield the results of tasks in the order in which they finish. ``ray`` is the imported module."""
     run_remotely = ray.remote(num_cpus=1, max_retries=MAX_RETRIES)(run_pickled_task)
     pending = iter(tasks)
-    running: dict[Any, Task] = {}
+    running: dict[Any, RenderTask] = {}
     while True:
         # Nodes may join and leave, so the number of cores may change.
         max_running = max(TASKS_PER_CORE * int(ray.cluster_resources().get("CPU", 1)), 1)

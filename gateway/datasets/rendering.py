@@ -3,8 +3,6 @@
 ``worker`` uses it for datasets, ``gateway.cli`` for single images.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import reduce
@@ -70,11 +68,7 @@ _NEAR_SHARE: Final = 0.03
 
 
 def style_of(settings: Settings) -> Style:
-    """Return the style that a dataset's settings describe.
-
-    Raises:
-        RigFileError: the rig file is invalid.
-    """
+    """Return the style that a dataset's settings describe. Raises RigFileError if the rig file is invalid."""
     return Style(
         settings.look,  # type: ignore[arg-type]  # checked by the command
         settings.background,
@@ -88,10 +82,7 @@ def style_of(settings: Settings) -> Style:
 def rig_warning(scene: LoadedScene, settings: Settings) -> str | None:
     """Return a warning if a scene does not use the lights of ``--rig``, or is black as neither of them has one.
 
-    Returns None if the scene uses them, if there is no ``--rig``, or if ``--look`` excludes them for all scenes.
-
-    Raises:
-        RigFileError: the rig file is invalid.
+    None without ``--rig``, or if ``--look`` excludes them for all scenes. Raises RigFileError if the file is invalid.
     """
     if settings.rig is None or "color" not in settings.types or settings.look not in ("auto", "studio"):
         return None
@@ -164,14 +155,8 @@ def render_sample(
     """Render the images of a sample; return them encoded, by type, and the annotated objects.
 
     One call of the renderer makes all but ``albedo``, ``stereo`` and ``measured``. Objects that others may hide take
-    one more each. There is no ``flow`` without a next camera.
-
-    Args:
-        formats: file format of each type of image to render, one of ``IMAGE_FORMATS``.
-
-    Raises:
-        ImageError: a texture cannot be decoded.
-        ValueError: the image is larger than the renderer's limit.
+    one more each. There is no ``flow`` without a next camera. ``formats`` has one of ``IMAGE_FORMATS`` by type. Raises
+    ImageError, or ValueError if the image is too large.
     """
     scene, camera = inputs.scene, inputs.camera
     look = style.look_for(scene.look)
@@ -253,10 +238,7 @@ def _encode(frame: Frame, image_type: ImageType, file_format: str) -> bytes:
 def render_request(renderer: Renderer, request: RenderRequest, settings: Settings) -> tuple[Camera, ImageType, bytes]:
     """Render a recorded request like the render endpoint, with the settings of the dataset.
 
-    Return its camera, the type of its image and the encoded image.
-
-    Raises:
-        RequestError: the scene or its camera cannot be used.
+    Return its camera, the type of its image and the encoded image. Raises RequestError.
     """
     style = style_of(settings)
     samples = style.samples or (STUDIO_SAMPLES if style.look == "studio" else 1)  # whatever the requests choose

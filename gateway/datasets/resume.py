@@ -1,7 +1,5 @@
 """Read the dataset of an earlier run, and find the samples that need not be rendered again. ``run`` uses it."""
 
-from __future__ import annotations
-
 import io
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
@@ -31,9 +29,7 @@ BATCH_SAMPLES: Final = 1000
 def existing_dataset(job: Job) -> manifest.DatasetRecord | None:
     """Return the description of the dataset in the job's folder, or None if the folder is empty or missing.
 
-    Raises:
-        DatasetError: the folder has other files, a dataset with other settings, or samples that the job does not have.
-        RecordError: the dataset cannot be read.
+    Raises DatasetError if it has other files, other settings or samples that the job does not have; or RecordError.
     """
     out = job.out
     if not (out / manifest.DATASET_FILE).exists():
@@ -60,11 +56,7 @@ def existing_dataset(job: Job) -> manifest.DatasetRecord | None:
 
 
 def valid_samples(job: Job, threads: int = 1) -> Iterator[SampleRecord]:
-    """Yield the samples whose scene, view and images have not changed.
-
-    Args:
-        threads: number of threads that read and hash the images.
-    """
+    """Yield the samples whose scene, view and images have not changed. Threads read and hash the images."""
 
     current_digest = cache(partial(_current_digest, job))
 

@@ -14,14 +14,14 @@ from typing import BinaryIO, Final
 from gateway import __version__
 from gateway.datasets.errors import DatasetError
 from gateway.datasets.files import locked, remove_temporary_files, temporary_name, write_atomically
-from gateway.datasets.job import Job, Result, Task
+from gateway.datasets.job import Job, RenderTask, Result
 from gateway.datasets.resume import ends_in_partial_line, existing_dataset, valid_samples
 from gateway.runtime.workers.scheduling import usable_cpus
 from renderers.compiler import cache_folder
 from scenegate.datasets import manifest
 from scenegate.datasets.manifest import FailureRecord, SampleRecord
 
-TaskRunner = Callable[[list[Task]], Iterator[Result]]
+TaskRunner = Callable[[list[RenderTask]], Iterator[Result]]
 """Function that runs tasks in worker processes, and yields their results in any order."""
 
 _ABSENT: Final = -1
@@ -48,7 +48,7 @@ CONVENTIONS: Final = {
 
 
 @dataclass(slots=True)
-class Progress:
+class RunProgress:
     """State of a run."""
 
     total: int
@@ -77,11 +77,7 @@ class Journal:
     """
 
     def __init__(self, job: Job, file: BinaryIO) -> None:
-        """Create an empty journal.
-
-        Args:
-            file: empty file, open for reading and writing.
-        """
+        """Create an empty journal in an empty file that is open for reading and writing."""
         self._job = job
         self._file = file
         self._end_offset = 0
@@ -120,22 +116,17 @@ class Journal:
             self._file.seek(self._end_offset)  # where ``add`` goes on
 
 
-def run(job: Job, run_tasks: TaskRunner, report: Callable[[Progress], None]) -> Progress:
-    """Render the samples of a job that its folder does not have.
+def run(job: Job, run_tasks: TaskRunner, report: Callable[[RunProgress], None]) -> RunProgress:
+    """Render the samples of a job that its folder does not have; ``report`` is called at the start and after each task.
 
-    Args:
-        report: called at the start and after each task.
-
-    Raises:
-        DatasetError: the folder has other files or another dataset, or another run writes to it.
-        OSError: the dataset cannot be written.
+    Raises DatasetError if the folder has other files, another dataset or another run; OSError if it cannot be written.
     """
     job.out.mkdir(parents=True, exist_ok=True)
     with locked(job.out):
         return _run_locked(job, run_tasks, report)
 
 
-def _run_locked(job: Job, run_tasks: TaskRunner, report: Callable[[Progress], None]) -> Progress:
+def _run_locked(job: Job, run_tasks: TaskRunner, report: Callable[[RunProgress], None]) -> RunProgress:
     out, existing = job.out, existing_dataset(job)
     notes = []
     if existing is not None and ends_in_partial_line(out / manifest.MANIFEST_FILE):
@@ -163,7 +154,7 @@ def _run_locked(job: Job, run_tasks: TaskRunner, report: Callable[[Progress], No
                 (out / name).unlink(missing_ok=True)
             write_atomically(out / manifest.DATASET_FILE, manifest.encode_indented(description))
         problems = (FailureRecord(each.printable_name, None, each.problem) for each in job.sources if each.problem)
-        progress = Progress(job.size, kept=journal.count, failures=dict.fromkeys(problems), notes=notes)
+        progress = RunProgress(job.size, kept=journal.count, failures=dict.fromkeys(problems), notes=notes)
         report(progress)
         for result in run_tasks(job.tasks(journal.has_sample, description.renderer)):
             _add(result, job, journal, progress)
@@ -172,7 +163,7 @@ def _run_locked(job: Job, run_tasks: TaskRunner, report: Callable[[Progress], No
     return progress
 
 
-def _add(result: Result, job: Job, journal: Journal, progress: Progress) -> None:
+def _add(result: Result, job: Job, journal: Journal, progress: RunProgress) -> None:
     if result.samples and not progress.rendered:
         _check_space(job, result.samples, job.size - journal.count)
     for sample in result.samples:

@@ -1,7 +1,5 @@
 """Find the scenes of a command: the files that it names, those in the folders that it names, and those of scenarios."""
 
-from __future__ import annotations
-
 import hashlib
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
@@ -73,13 +71,9 @@ def find_scenes(
 ) -> tuple[tuple[Source, ...], CameraFile, str | None]:
     """Return the scenes of a command, its cameras with those of scenarios, and ``Settings.scenario_sha256``.
 
-    Args:
-        numbers: numbers of the scenes of scenarios; None: all of them.
-        recorded: dataset of the same scenario, whose choices are used; None: those in ``out``, if there are any.
-        has_views: the command names cameras, which replace those of scenarios.
-
-    Raises:
-        DatasetError, ScenarioError, RecordError: a file or folder cannot be used.
+    ``numbers``: those of the scenes of scenarios; None: all. ``recorded``: dataset of the same scenario, whose choices
+    are used; None: those in ``out``, if any. ``has_views``: the command names cameras, which replace those of
+    scenarios. Raises DatasetError, ScenarioError or RecordError.
     """
     sources = find_sources(inputs, numbers)
     paths = sorted({source.path for source in sources if source.kind is SourceKind.SCENARIO})
@@ -104,14 +98,9 @@ def find_scenes(
 
 
 def find_sources(inputs: Iterable[Path], numbers: range | None = None) -> tuple[Source, ...]:
-    """Return the scenes of the inputs, which are files and folders, ordered by name.
+    """Return the scenes of the inputs, which are files and folders, ordered by name; of scenarios those with numbers.
 
-    Args:
-        numbers: numbers of the scenes of scenarios; None: all of them.
-
-    Raises:
-        ScenarioError: a scenario cannot be used.
-        DatasetError: an input has no scene file, or two scene files would have the same name.
+    Raises ScenarioError, or DatasetError if an input has no scene file, or two would have the same name.
     """
     by_name: dict[str, Source] = {}
     for path in inputs:

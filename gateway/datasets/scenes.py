@@ -99,8 +99,7 @@ class LoadedScene:
     def at_frame_of(self, view: View) -> tuple[LoadedScene, View]:
         """Return the scene at the frame of a view, and the view with the pose of its camera; usually both unchanged.
 
-        Raises:
-            ScenarioError: the frame cannot be made.
+        Raises ScenarioError if the frame cannot be made.
         """
         if not isinstance(view.pose, SceneCamera):
             return self, view
@@ -130,11 +129,7 @@ def load_options(settings: manifest.Settings) -> SceneOptions:
 
 
 def load_scene(source: Source, options: SceneOptions = DEFAULT_OPTIONS) -> LoadedScene:
-    """Load a scene.
-
-    Raises:
-        SceneError: the scene cannot be loaded.
-    """
+    """Load a scene. Raises SceneError if it cannot be loaded."""
     files = FolderFiles(Path(source.path))
     try:
         match source.kind:

@@ -3,8 +3,6 @@
 ``camera_of`` computes the camera of a view in a scene.
 """
 
-from __future__ import annotations
-
 import hashlib
 import math
 import re
@@ -114,11 +112,7 @@ class View:
 
 
 def scene_views(cameras: int, frames: int | None) -> tuple[View, ...]:
-    """Return the views of a scene that has cameras of its own, which see each of its frames in turn.
-
-    Args:
-        frames: number of frames; None: the scene does not move.
-    """
+    """Return the views of a scene with cameras of its own, which see each frame in turn; None: it does not move."""
     if frames is None:
         return tuple(View(f"camera-{k:03d}", SceneCamera(k, None)) for k in range(cameras))
     return tuple(
@@ -137,16 +131,10 @@ def camera_of(
     height: int,
     fovy: float,
 ) -> Camera:
-    """Return the camera of a view in a scene.
+    """Return the camera of a view in a scene. Width, height and ``fovy``, in degrees, are defaults.
 
-    Args:
-        file_camera: first camera of the scene file; None if it has none.
-        width: default width of the image in pixels.
-        height: default height of the image in pixels.
-        fovy: default vertical field of view in degrees.
-
-    Raises:
-        CameraError: the scene does not have the node that the pose names, or a number is invalid.
+    ``file_camera``: first camera of the scene file; None if it has none. Raises CameraError if the scene does not have
+    the node that the pose names, or a number is invalid.
     """
     intrinsics = view.intrinsics
     width, height = intrinsics.width or width, intrinsics.height or height

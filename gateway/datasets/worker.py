@@ -21,7 +21,7 @@ from gateway.datasets.annotated_scene import AnnotatedScene, annotate_scene
 from gateway.datasets.classes import ClassTable
 from gateway.datasets.derived_images import cached_profile, intrinsics_of
 from gateway.datasets.files import write_atomically
-from gateway.datasets.job import PlannedSample, Result, Task
+from gateway.datasets.job import PlannedSample, RenderTask, Result
 from gateway.datasets.rendering import (
     IMAGE_FORMATS,
     SampleInputs,
@@ -60,7 +60,7 @@ CACHED_SCENES: Final = 2
 """Number of loaded scenes in memory. A scene with many views has several tasks, most of which are consecutive."""
 
 
-def run_task(task: Task) -> Result:
+def run_task(task: RenderTask) -> Result:
     """Render all views of a task. Errors are not raised, but are in the result."""
     scene_name = task.source.name
     if reason := _rejection(task):
@@ -91,7 +91,7 @@ def run_task(task: Task) -> Result:
 
 
 def _render_sample(
-    task: Task, scene: LoadedScene, annotated: AnnotatedScene | None, sample: PlannedSample
+    task: RenderTask, scene: LoadedScene, annotated: AnnotatedScene | None, sample: PlannedSample
 ) -> SampleRecord:
     """Render a sample, write its images, and return its record."""
     objects: tuple[ObjectRecord, ...] = ()
@@ -123,7 +123,7 @@ def _render_sample(
     )
 
 
-def _view_hints(task: Task, scene: LoadedScene) -> tuple[str, ...]:
+def _view_hints(task: RenderTask, scene: LoadedScene) -> tuple[str, ...]:
     """Return a hint if the first view of a scene, which is no scenario's, sees nothing of it."""
     if scene.request is not None or scene.scenario is not None or not task.samples:
         return ()
@@ -135,7 +135,9 @@ def _view_hints(task: Task, scene: LoadedScene) -> tuple[str, ...]:
     return () if hint is None else (hint,)
 
 
-def _inputs(task: Task, scene: LoadedScene, annotated: AnnotatedScene | None, sample: PlannedSample) -> SampleInputs:
+def _inputs(
+    task: RenderTask, scene: LoadedScene, annotated: AnnotatedScene | None, sample: PlannedSample
+) -> SampleInputs:
     """Return the scene, the cameras and the camera profile of a sample."""
     settings = task.settings
     scene_at_frame, view_with_pose = scene.at_frame_of(sample.view)
@@ -165,7 +167,7 @@ def _renderer(threads: int) -> CpuRenderer:
     return CpuRenderer(threads)
 
 
-def _rejection(task: Task) -> str:
+def _rejection(task: RenderTask) -> str:
     """Return the reason why this process cannot run a task, or an empty text."""
     node = os.uname().nodename
     if task.renderer_digest != cache_folder.sources_digest():
@@ -202,7 +204,7 @@ def _annotate_cached(scene: LoadedScene, classes: ClassTable, out: str) -> Annot
     return annotate_scene(scene, classes, save)
 
 
-def _with_timeout(task: Task, call: Callable[[], T]) -> T:
+def _with_timeout(task: RenderTask, call: Callable[[], T]) -> T:
     """Return ``call()``, or raise TimeoutError if it takes longer than the task's ``timeout``."""
     return run_within(task.timeout, call, TimeoutError(f"it took longer than --timeout = {task.timeout:g} s"))
 

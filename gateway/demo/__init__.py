@@ -3,8 +3,6 @@
 The scene is a pure function of time, so its images are reproducible.
 """
 
-from __future__ import annotations
-
 from typing import Final
 
 from gateway.demo.demo_motion import PERIOD, poses

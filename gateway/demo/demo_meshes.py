@@ -1,7 +1,5 @@
 """Meshes of the demo scene: shapes with texture coordinates, and curves."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np
@@ -14,12 +12,7 @@ from renderers.tubes import tube
 
 
 def tile(half_side: float, repeats: float) -> Mesh:
-    """Return a square at z = 0, centred on the origin.
-
-    Args:
-        half_side: half the length of a side, metres.
-        repeats: number of copies of the texture along each side.
-    """
+    """Return a square at z = 0, centred on the origin, with copies of the texture along each side."""
     return rectangle(2.0 * half_side, 2.0 * half_side, repeats)
 
 

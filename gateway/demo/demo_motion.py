@@ -1,7 +1,5 @@
 """Poses of the demo scene as a function of time."""
 
-from __future__ import annotations
-
 import math
 from typing import Final
 

@@ -1,7 +1,5 @@
 """Geometry and materials of the demo scene, with procedural textures."""
 
-from __future__ import annotations
-
 import math
 from functools import cache
 

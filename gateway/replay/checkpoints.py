@@ -1,7 +1,5 @@
 """States of a replay from which others can begin, so that no seek replays more than a part of the log."""
 
-from __future__ import annotations
-
 from bisect import bisect_right
 from typing import Final
 

@@ -28,11 +28,7 @@ class LogClock:
     """Number of times that the recorder's clock was set so far."""
 
     def after(self, recorded_us: int) -> LogClock:
-        """Return the time of the next event.
-
-        Args:
-            recorded_us: time in the log.
-        """
+        """Return the time of the next event, given its time in the log."""
         if self.time_us < 0:
             start = recorded_us if 0 <= recorded_us < MAX_START_US else 0
             return LogClock(start, start - recorded_us)

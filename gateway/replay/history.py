@@ -1,7 +1,5 @@
 """The recent states of the live tree, as a ``Timeline``."""
 
-from __future__ import annotations
-
 import threading
 import time
 from bisect import bisect_right
@@ -79,13 +77,9 @@ class TreeHistory(Timeline):
         to_thread: Callable[[Callable[[], Snapshot]], Awaitable[Snapshot]],
         clock: Callable[[], int] = time.time_ns,
     ) -> None:
-        """Create a history that begins now.
+        """Create a history of the last seconds, from now on. Beyond ``max_bytes``, estimated, the oldest states go.
 
-        Args:
-            seconds: Time for which states are kept.
-            max_bytes: Maximum memory, estimated. The oldest states are dropped first.
-            to_thread: Calls a function in another thread, as ``asyncio.to_thread``.
-            clock: Returns nanoseconds since the epoch.
+        ``to_thread`` is as ``asyncio.to_thread``; ``clock`` returns nanoseconds since the epoch.
         """
         self._tree = tree
         self._kept_nanoseconds = round(seconds * 1e9)
@@ -151,12 +145,7 @@ class TreeHistory(Timeline):
         return _HeldHistory(span, partial(self._state_at, newest=newest, segments=segments))
 
     async def _state_at(self, timestamp: int, newest: Snapshot, segments: deque[_Segment]) -> Snapshot:
-        """Return the state that was valid at a time.
-
-        Args:
-            newest: State after those of the segments.
-            segments: Those that were recorded, or those of a held history.
-        """
+        """Return the state of a time among those of segments (recorded or held), or ``newest``, which is after them."""
         if timestamp >= newest.timestamp:
             return newest
         with self._lock:

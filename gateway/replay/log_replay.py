@@ -1,7 +1,5 @@
 """Replay an LCM log into a tree of its own: requests of the tree viewer's clients, and Drake's messages."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -82,15 +80,9 @@ class LogReplay(Closing):
     """Replays a log from one of its states. Not thread-safe."""
 
     def __init__(self, path: Path, files: MeshFiles, state: ReplayState | None = None) -> None:
-        """
-        Args:
-            path: the log.
-            files: mesh files that its messages may name.
-            state: state to begin with; None: that before the first event.
+        """Begin with a state, or None before the first event, of which messages may name ``files``.
 
-        Raises:
-            OSError: the file cannot be read.
-            EventLogError: it is not an LCM log.
+        Raises OSError, or EventLogError if it is not an LCM log.
         """
         state = state or ReplayState()
         self._files = files

@@ -1,7 +1,5 @@
 """One pass over the headers of a log: its times and channels, without decoding a message."""
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -44,15 +42,9 @@ class LogSummary:
 
 
 def scan_log(path: Path, on_progress: Callable[[int], None] = lambda position: None) -> LogSummary:
-    """Read the headers of all events of a log.
+    """Read the headers of all events of a log. ``on_progress`` is called now and then with the bytes read so far.
 
-    Args:
-        path: the log.
-        on_progress: called now and then with the bytes read so far.
-
-    Raises:
-        LogError: the file is not an LCM log, or none of its messages can be shown.
-        OSError: the file cannot be read.
+    Raises LogError if it is not an LCM log, or none of its messages can be shown; or OSError.
     """
     clock = LogClock()
     first_ns = events = 0

@@ -1,7 +1,5 @@
 """A log in place of the live tree (``scenegate view``)."""
 
-from __future__ import annotations
-
 import asyncio
 from collections.abc import Callable, Mapping
 from typing import Any, Final
@@ -17,10 +15,7 @@ class LogService:
     """Indexes a log while it is served."""
 
     def __init__(self, timeline: LogTimeline, on_progress: Callable[[float], None] = lambda progress: None) -> None:
-        """
-        Args:
-            on_progress: called with the fraction of the log that is indexed.
-        """
+        """``on_progress`` is called with the fraction of the log that is indexed."""
         self.timeline = timeline
         self.tree = LiveTree()
         """The live tree of the application: the last state of the part of the log that is indexed."""

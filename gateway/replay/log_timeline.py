@@ -66,13 +66,7 @@ class LogTimeline(Closing, Timeline):
     def __init__(
         self, path: Path, files: MeshFiles, summary: LogSummary, checkpoints: Checkpoints | None = None
     ) -> None:
-        """
-        Args:
-            checkpoints: container for those of the index, still empty; None: one with the default limits.
-
-        Raises:
-            OSError: the log cannot be read.
-        """
+        """``checkpoints``: empty container of those of the index; None: with the default limits. Raises OSError."""
         self.summary = summary
         self.path, self._files = path, files
         self._checkpoints = checkpoints or Checkpoints()
@@ -115,9 +109,7 @@ class LogTimeline(Closing, Timeline):
         """Return the state that was valid at a time, nanoseconds since the epoch; times outside are clamped.
 
         States of the same messages have the same revision. A time beyond the index waits until the index is there.
-
-        Raises:
-            OSError: the log can no longer be read.
+        Raises OSError.
         """
         begin, end = self.span
         time_ns = min(max(time_ns, begin), end)
@@ -126,11 +118,7 @@ class LogTimeline(Closing, Timeline):
         return await self._in_thread(lambda: self._seek(time_ns))
 
     async def build_index(self, on_progress: Callable[[float], None] = lambda progress: None) -> None:
-        """Decode the log to its end, in slices between which seeks are served.
-
-        Args:
-            on_progress: called after each slice with ``progress``.
-        """
+        """Decode the log to its end, in slices between which seeks are served; report ``progress`` after each slice."""
         while not self.is_fully_indexed:
             await self._in_thread(self._index_slice)
             on_progress(self.progress)
@@ -141,11 +129,7 @@ class LogTimeline(Closing, Timeline):
         return self._simulation_seconds[index] if index >= 0 else None
 
     def replay(self) -> LogReplay:
-        """Return a replay from the beginning of the log, which the caller closes.
-
-        Raises:
-            OSError: the log can no longer be read.
-        """
+        """Return a replay from the beginning of the log, which the caller closes. Raises OSError."""
         return LogReplay(self.path, self._files)
 
     def close(self) -> None:

@@ -1,7 +1,5 @@
 """Write the scene of an LCM log to an MCAP file, as ``scenegate record --mcap`` writes it while the log is played."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from contextlib import closing
 from dataclasses import dataclass
@@ -34,16 +32,10 @@ class Converted:
 async def convert_log(
     timeline: LogTimeline, out: Path, profile: ProfileName, report: Callable[[int, int], None] = lambda *_: None
 ) -> Converted:
-    """Write the scene of a log to an MCAP file, with the times of the log.
+    """Write the scene of an opened log to an MCAP file, which is replaced, with the times of the log.
 
-    Args:
-        timeline: the log, opened.
-        out: file to write, which is replaced; not the log.
-        report: called after each message with the bytes of the log that were read, and the number of messages.
-
-    Raises:
-        ImportError: packages of the profile are not installed.
-        OSError: a file cannot be read or written.
+    ``report`` is called after each message with the bytes of the log that were read, and the number of messages. Raises
+    ImportError without the profile's packages, or OSError.
     """
     converter = Profile(profile)
     frames = SnapshotFrames()

@@ -87,11 +87,7 @@ def pack(old: Node, new: Node, ids: PathIds) -> PackedChange:
 
 
 def unpack(root: Node, changes: Iterable[PackedChange], ids: PathIds) -> Node:
-    """Return the state of the tree after changes of ``root``.
-
-    Args:
-        ids: The ids that the changes were packed with.
-    """
+    """Return the state of the tree after changes of ``root``, which were packed with these ids."""
     edit, paths = TreeEdit(root), list(ids)
     pose_by_id: dict[int, Pose] = {}
 

@@ -1,7 +1,5 @@
 """The page of ``/view`` and a recording in one HTML file, which a browser opens from a disk without a network."""
 
-from __future__ import annotations
-
 import base64
 import hashlib
 import html
@@ -23,10 +21,8 @@ _SCRIPT_END: Final = re.compile(r"<(/script|!--)", re.IGNORECASE)
 def scene_html(recording: bytes, view: str = "") -> bytes:
     """Return the page with a recording, as one HTML file. Its content security policy lets it load nothing else.
 
-    Nothing of the scene is in the file as text: the recording is compressed, and in base64.
-
-    Args:
-        view: camera to open with, as after ``#`` in the page's address; empty: the home view.
+    Nothing of the scene is in the file as text: the recording is compressed, and in base64. ``view``: camera to open
+    with, as after ``#`` in the page's address; empty: the home view.
     """
     head, tail = _page()
     return b"".join((head, html.escape(view).encode(), b'">', base64.b64encode(recording), tail))

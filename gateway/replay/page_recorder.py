@@ -11,8 +11,6 @@ An update from revision 0 has the whole scene, as the first one does. Further on
 same revision, so that a page can start there.
 """
 
-from __future__ import annotations
-
 import struct
 import zlib
 from collections.abc import Awaitable, Callable
@@ -48,11 +46,7 @@ class PageRecorder:
     """Encodes snapshots as a recording. Not thread-safe."""
 
     def __init__(self, page: LivePage, max_bytes: int = MAX_BYTES, rig: Rig = STUDIO) -> None:
-        """
-        Args:
-            page: page whose view settings are recorded. Nothing is clickable: clicks would have no receiver.
-            rig: light of the page.
-        """
+        """Record the view settings of a page, lit by a rig. Nothing is clickable: clicks would have no receiver."""
         recorded = LivePage()
         recorded.view = page.view
         self._page_frames = (encode_light(rig), encode_page(recorded))
@@ -73,11 +67,7 @@ class PageRecorder:
         self._bytes_since_keyframe = 0
 
     def add(self, time: int, snapshot: Snapshot) -> None:
-        """Append the differences to the last snapshot.
-
-        Raises:
-            FileTooLargeError: the recording has more bytes than its limit.
-        """
+        """Append the differences to the last snapshot. Raises FileTooLargeError beyond the recording's limit."""
         if self._snapshot is EMPTY_SNAPSHOT:
             for frame in self._page_frames:
                 self.add_frame(time, frame)
@@ -95,11 +85,7 @@ class PageRecorder:
             self._keyframe_bytes, self._bytes_since_keyframe = len(keyframe), 0
 
     def add_frame(self, time: int, frame: bytes) -> None:
-        """Append a frame.
-
-        Args:
-            time: nanoseconds since the epoch.
-        """
+        """Append a frame, with its time in nanoseconds since the epoch."""
         self._nbytes += len(frame)
         if self._nbytes > self._max_bytes:
             raise FileTooLargeError(
@@ -111,11 +97,7 @@ class PageRecorder:
             self._pieces.append(self._compressor.compress(data))
 
     def finish(self, end: int) -> bytes:
-        """Return the recording.
-
-        Args:
-            end: time until which the last snapshot is valid, nanoseconds since the epoch.
-        """
+        """Return the recording, whose last snapshot is valid until ``end``, nanoseconds since the epoch."""
         self.add_frame(end, encode(RecordingEnd()))
         self._pieces.append(self._compressor.flush())
         return b"".join(self._pieces)
@@ -157,17 +139,10 @@ async def record_section(
     to_thread: Callable[..., Awaitable[Any]],
     on_progress: Callable[[float], None] = lambda done: None,
 ) -> bytes:
-    """Return the recording of a section of a timeline.
+    """Return the recording of a section of a timeline, at ``rate`` samples a second; one state if it starts at its end.
 
-    Args:
-        start: first time, nanoseconds since the epoch.
-        end: last time. Equal to ``start``: one state.
-        rate: samples per second.
-        to_thread: calls a function with arguments in another thread, as ``asyncio.to_thread``.
-        on_progress: called now and then with the fraction that is done.
-
-    Raises:
-        FileTooLargeError: the recording would be too large, or has too many samples.
+    Times are nanoseconds since the epoch, ``to_thread`` is as ``asyncio.to_thread``, ``on_progress`` gets the fraction
+    that is done. Raises FileTooLargeError if it would be too large, or has too many samples.
     """
     async for sample in samples(timeline, start, end, rate):
         await to_thread(recorder.add, sample.time, sample.snapshot)

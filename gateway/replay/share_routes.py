@@ -1,7 +1,5 @@
 """The route ``/view/scene.html``: the page, the scene and its recent motion in one file."""
 
-from __future__ import annotations
-
 import asyncio
 from typing import Annotated, Final
 
@@ -54,10 +52,8 @@ def share_router(
 ) -> APIRouter:
     """Return the routes of this module. One file is written at a time.
 
-    Args:
-        history: recent states of the tree; None: there are none, and files have the newest state.
-        max_bytes: limit of a recording.
-        rig: light of the page.
+    ``history``: recent states of the tree; None: files have the newest state. ``max_bytes``: limit of a recording.
+    ``rig``: light of the page.
     """
     router = APIRouter(tags=["Browser view"], route_class=PlainErrorRoute)
     one_at_a_time = asyncio.Lock()

@@ -26,12 +26,9 @@ _SUFFICIENT_ADDRESSES = 4 << 30
 
 
 def findings(host: str, ports: Mapping[str, tuple[str, int]], threads: int) -> Iterator[Finding]:
-    """Run all checks of the machine.
+    """Run all checks of the machine: of the host on which interfaces would listen, and of their ports.
 
-    Args:
-        host: address on which the interfaces would listen.
-        ports: interface and TCP port by the flag that chooses the port; 0 is any.
-        threads: number of rendering threads.
+    ``ports``: interface and TCP port by the flag that chooses the port; 0 is any. ``threads``: those that render.
     """
     yield Finding("Python", Verdict.OK, f"{platform.python_version()} on {platform.platform()}")
     yield _check_glib()
@@ -96,12 +93,7 @@ def _check_kernels() -> Finding:
 
 
 def _check_port(name: str, host: str, port: int, flag: str, instances: list[RunningInstance]) -> Finding:
-    """Check a port.
-
-    Args:
-        flag: flag that chooses another port.
-        instances: running gateways found so far; extended here.
-    """
+    """Check a port, for which a flag chooses another. ``instances``: gateways found so far; extended here."""
     try:
         process_tuning.listen(host, port).close()
     except OSError as error:

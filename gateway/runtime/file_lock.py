@@ -1,7 +1,5 @@
 """Exclusive locks of files and folders that only one process may write: kernels, state, datasets."""
 
-from __future__ import annotations
-
 import fcntl
 from enum import Enum
 

@@ -3,8 +3,6 @@
 This module needs only the standard library, so that it works where libraries do not.
 """
 
-from __future__ import annotations
-
 import subprocess
 import sys
 from collections.abc import Iterator

@@ -1,7 +1,5 @@
 """Requests to a gateway that may run on a port: for ``scenegate doctor``, and the health check of a container."""
 
-from __future__ import annotations
-
 import contextlib
 import http.client
 import json

@@ -1,7 +1,5 @@
 """States of the interfaces: the source of ``/healthz``, ``/readyz`` and the log line at start."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from enum import StrEnum
@@ -24,7 +22,7 @@ class Service(Protocol):
         """Return figures for ``/healthz``, plain JSON values; ``warnings`` is a list of sentences."""
 
 
-class State(StrEnum):
+class InterfaceState(StrEnum):
     STARTING = "starting"
     READY = "ready"
     FAILED = "failed"
@@ -35,7 +33,7 @@ class State(StrEnum):
 class Entry:
     """State of one interface, or of the kernels."""
 
-    state: State = State.STARTING
+    state: InterfaceState = InterfaceState.STARTING
     problem: str = ""
     """Reason of a failure, one sentence."""
     service: Service | None = None
@@ -48,29 +46,27 @@ class Entry:
     warnings: WarningList = field(default_factory=WarningList)
     """Warnings about files that settings name. ``figures`` may have more."""
 
-    def current(self) -> State:
+    def current(self) -> InterfaceState:
         """Return the state; a service that has started but is not ready counts as starting."""
-        if self.state is State.READY and self.service is not None and not self.service.ready:
-            return State.STARTING
+        if self.state is InterfaceState.READY and self.service is not None and not self.service.ready:
+            return InterfaceState.STARTING
         return self.state
 
     def describe(self, *, details: bool = True) -> dict[str, Any]:
-        """Return plain JSON values.
-
-        Args:
-            details: False: only state and port. Problems, addresses and figures can contain paths and clients' data.
-        """
+        """Return plain JSON values; without details only state and port: others can contain paths and clients' data."""
         described: dict[str, Any] = {"state": self.current().value}
         if not details:
-            port = self.figures().get("port") if self.figures is not None and self.state is State.READY else None
+            port = (
+                self.figures().get("port") if self.figures is not None and self.state is InterfaceState.READY else None
+            )
             return described if port is None else {**described, "port": port}
         if self.where:
             described["where"] = self.where
         if self.problem:
             described["problem"] = _encodable(self.problem)
-        if self.progress is not None and self.state is State.STARTING:
+        if self.progress is not None and self.state is InterfaceState.STARTING:
             described.update(self.progress())
-        if self.figures is not None and self.state is State.READY:
+        if self.figures is not None and self.state is InterfaceState.READY:
             described.update(self.figures())
         if warnings := [*described.get("warnings", ()), *self.warnings.listed()]:
             described["warnings"] = [_encodable(warning) for warning in warnings]
@@ -101,7 +97,7 @@ class ServiceRegistry:
         """Mark an entry as started; a ``service`` is ready when its own ``ready`` is true."""
         if figures is None and service is not None:
             figures = service.status
-        entry = Entry(State.READY, service=service, figures=figures, where=where)
+        entry = Entry(InterfaceState.READY, service=service, figures=figures, where=where)
         if name in self.entries:
             entry.warnings = self.entries[name].warnings
         self.entries[name] = entry
@@ -113,20 +109,24 @@ class ServiceRegistry:
     def fail(self, name: str, problem: str) -> None:
         """Mark an entry as failed; ``problem`` is one sentence."""
         entry = self.entries.setdefault(name, Entry())
-        entry.state, entry.problem = State.FAILED, problem
+        entry.state, entry.problem = InterfaceState.FAILED, problem
 
     def stop(self) -> None:
         """Mark all entries that have not failed as stopped."""
         for entry in self.entries.values():
-            if entry.state is not State.FAILED:
-                entry.state = State.STOPPED
+            if entry.state is not InterfaceState.FAILED:
+                entry.state = InterfaceState.STOPPED
 
     def verdict(self) -> str:
         """Return ``ready``, ``degraded`` (an interface failed), ``starting``, ``stopping`` or ``failed``."""
         states = {name: entry.current() for name, entry in self.entries.items()}
-        if any(states.get(name) is State.FAILED for name in self.essential):
+        if any(states.get(name) is InterfaceState.FAILED for name in self.essential):
             return "failed"
-        for state, verdict in ((State.STOPPED, "stopping"), (State.STARTING, "starting"), (State.FAILED, "degraded")):
+        for state, verdict in (
+            (InterfaceState.STOPPED, "stopping"),
+            (InterfaceState.STARTING, "starting"),
+            (InterfaceState.FAILED, "degraded"),
+        ):
             if state in states.values():
                 return verdict
         return "ready"

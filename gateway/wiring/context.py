@@ -186,9 +186,8 @@ class Context:
     ) -> None:
         """Run a service until shutdown. If it fails, log one line; the other services go on.
 
-        Args:
-            where: how clients reach it, for ``/healthz``.
-            figures: returns JSON values for ``/healthz``; default ``service.status``.
+        For ``/healthz``: ``where`` is how clients reach it, ``figures`` returns JSON values, by default
+        ``service.status``.
         """
         self.registry.ready(name, service=service, where=where, figures=figures)
         task = asyncio.get_running_loop().create_task(service.run(), name=name)
@@ -231,11 +230,7 @@ class Context:
             self.reject_requests("it was told to stop")
 
     def reject_requests(self, reason: str) -> None:
-        """Reject all requests with 503, because the gateway did not start.
-
-        Args:
-            reason: a clause for clients, without details of the server.
-        """
+        """Reject all requests with 503 and a reason, a clause without details of the server."""
         self._not_started_reason = reason
         self.started.set()
 

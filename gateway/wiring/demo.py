@@ -1,7 +1,5 @@
 """The moving demo scene in the live tree (``--demo``)."""
 
-from __future__ import annotations
-
 import asyncio
 from collections.abc import Mapping
 from typing import Any

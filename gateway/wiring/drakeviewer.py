@@ -1,7 +1,5 @@
 """Wiring of Drake's visualizer channels, which are received by the tree viewer's LCM transports."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 from gateway.adapters.drakeviewer.channels import PREFIXES

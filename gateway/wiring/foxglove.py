@@ -1,7 +1,5 @@
 """Wiring of Foxglove's WebSocket."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from contextlib import AbstractContextManager
 from functools import partial

@@ -1,7 +1,5 @@
 """The interfaces by name, in order of start: each after those whose part of ``Provided`` it uses."""
 
-from __future__ import annotations
-
 from collections.abc import Awaitable, Callable, Mapping
 from functools import partial
 from importlib import import_module

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Final
 from gateway import __version__
 from gateway.replay.history import TreeHistory
 from gateway.runtime.logs.metrics_registry import Metrics
-from gateway.runtime.service_registry import ServiceRegistry, State
+from gateway.runtime.service_registry import InterfaceState, ServiceRegistry
 from gateway.runtime.workers.worker_pool import WorkerPool
 from gateway.scene.tree.live import LiveTree
 from renderers.cache import CacheBudget
@@ -36,7 +36,7 @@ def watch_registry(metrics: Metrics, registry: ServiceRegistry) -> None:
     metrics.watch(
         "scenegate_interface_ready",
         "1 if clients can use the interface, else 0, by interface.",
-        lambda: {name: entry.current() is State.READY for name, entry in registry.entries.items()},
+        lambda: {name: entry.current() is InterfaceState.READY for name, entry in registry.entries.items()},
         label="interface",
     )
     metrics.watch(

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True)
-class StereoCamera:
+class ProvidedCamera:
     """The first stereo camera."""
 
     service: StereoService
@@ -35,4 +35,4 @@ class Provided:
     """Newest finished requests of the render endpoint, oldest first."""
     lcm_listeners: tuple[ChannelListener, ...] = ()
     """Receivers of channels besides those of the tree viewer."""
-    stereo: StereoCamera | None = None
+    stereo: ProvidedCamera | None = None

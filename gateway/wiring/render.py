@@ -1,7 +1,5 @@
 """Drake's render endpoint, ``POST /render``."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import replace
 

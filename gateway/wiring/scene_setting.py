@@ -1,7 +1,5 @@
 """Scene files that settings name, read while the gateway starts."""
 
-from __future__ import annotations
-
 import asyncio
 from pathlib import Path
 from typing import Final
@@ -23,12 +21,7 @@ MAX_LOGGED: Final = 20
 async def read_scene_setting(file: str, settings: Settings) -> SceneFile:
     """Read the scene file of a setting in a thread. Reading may take minutes; cancelling the task stops it.
 
-    Args:
-        file: path of the file.
-        settings: settings with the options of scene files (``--up``, ``--mesh-root``, ``--strict``, …).
-
-    Raises:
-        SceneFileError: see ``read_scene``.
+    Settings have the options of scene files (``--up``, ``--mesh-root``, ``--strict``, …). Raises SceneFileError.
     """
     _log.info("Reading a scene file", file=file)
     options = SceneOptions(

@@ -1,7 +1,5 @@
 """The live scene over HTTP: ``GET /scene``, ``/scene.glb`` and ``/scene/render``."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 from gateway.adapters.sceneapi.config import SceneApiConfig

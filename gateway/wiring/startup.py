@@ -1,7 +1,5 @@
 """Starts the process: loads the kernels, restores the state, starts the interfaces, accepts requests."""
 
-from __future__ import annotations
-
 import asyncio
 import time
 from typing import Final
@@ -10,7 +8,7 @@ import structlog
 
 from gateway import __version__
 from gateway.runtime.kernels.loading import KERNELS
-from gateway.runtime.service_registry import State
+from gateway.runtime.service_registry import InterfaceState
 from gateway.wiring.context import Context
 from gateway.wiring.interfaces import enabled_interfaces
 from gateway.wiring.provided import Provided
@@ -66,7 +64,7 @@ async def _start_interfaces(context: Context) -> None:
         except Exception as error:  # noqa: BLE001 - one interface must not stop the others
             context.fail(name, error)
         else:
-            if context.registry.entries[name].state is State.STARTING:
+            if context.registry.entries[name].state is InterfaceState.STARTING:
                 context.registry.ready(name)
 
 

@@ -19,11 +19,7 @@ STATE: Final = "state"
 
 
 def open_state(settings: Settings) -> PersistentState | None:
-    """Open the state file, if ``--state`` names one.
-
-    Raises:
-        StateError: The file cannot be used.
-    """
+    """Open the state file, if ``--state`` names one. Raises StateError if it cannot be used."""
     if settings.state is None:
         return None
     from gateway.runtime.state.service import PersistentState
@@ -32,11 +28,7 @@ def open_state(settings: Settings) -> PersistentState | None:
 
 
 async def restore_state(context: Context) -> None:
-    """Restore the live tree and store its changes from now on. Must run before the interfaces start.
-
-    Raises:
-        StateError: The stored tree cannot be read.
-    """
+    """Restore the live tree and store its changes from now on. Runs before the interfaces start. Raises StateError."""
     state = context.state
     if state is None:
         return

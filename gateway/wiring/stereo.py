@@ -1,7 +1,5 @@
 """Wiring of the stereo cameras: settings → configuration → service → routes, and their images for the browser view."""
 
-from __future__ import annotations
-
 import asyncio
 from dataclasses import replace
 from typing import Any, Final
@@ -39,7 +37,7 @@ from gateway.scene.tree.live import LiveTree, Snapshot
 from gateway.scene.tree.timeline import state_at
 from gateway.wiring import metrics
 from gateway.wiring.context import Context
-from gateway.wiring.provided import Provided, StereoCamera
+from gateway.wiring.provided import Provided, ProvidedCamera
 from gateway.wiring.scene_setting import read_scene_setting
 from gateway.wiring.telemetry import NO_TELEMETRY
 from renderers.drawlist import Light
@@ -93,8 +91,7 @@ async def setup(context: Context, provided: Provided) -> Provided:
 def _cameras(settings: Settings) -> tuple[list[StereoConfig], list[Mount]]:
     """Return the configuration and the mount of every camera. Reads profiles: call this in a worker thread.
 
-    Raises:
-        ValueError: a profile cannot be used, or two cameras have one name.
+    Raises ValueError if a profile cannot be used, or two cameras have one name.
     """
     path = parse_mount_path(settings.stereo_path) if settings.stereo_path is not None else None
     specs = [parse_mounted_camera(text) for text in settings.stereo_cameras]
@@ -113,12 +110,10 @@ def _start_camera(
     mount: Mount,
     scene: LiveTree | None,
     projectors: dict[SceneView, ProjectorSource],
-) -> StereoCamera:
-    """Start the camera of pipeline ``number``.
+) -> ProvidedCamera:
+    """Start the camera of pipeline ``number``. ``scene``: the one that all cameras see; None: the live tree.
 
-    Args:
-        scene: the scene that all cameras see; None: the live tree.
-        projectors: projectors that all cameras see; this camera's is added.
+    ``projectors``: those that all cameras see; this camera's is added.
     """
     settings, live = context.settings, scene is None
     flattener = context.flattener if scene is None else Flattener(LabelTable())
@@ -157,7 +152,7 @@ def _start_camera(
     name = f"stereo {number}" if number else "stereo"
     context.run_service(name, service, figures=lambda: _figures(service, view))
     sensor = StereoSensor(service, view, live=live, moves=mount.path is not None)
-    return StereoCamera(service, sensor, lambda snapshot: view.camera(config, snapshot) if live else None)
+    return ProvidedCamera(service, sensor, lambda snapshot: view.camera(config, snapshot) if live else None)
 
 
 def _figures(service: StereoService, view: SceneView) -> dict[str, Any]:
@@ -172,8 +167,7 @@ def _figures(service: StereoService, view: SceneView) -> dict[str, Any]:
 async def _scene(context: Context) -> tuple[LiveTree | None, tuple[Light, ...]]:
     """Return the scene of ``--stereo-scene``, None for the live tree, and the lights of its file or of ``--rig``.
 
-    Raises:
-        RigFileError: ``--rig`` cannot be read.
+    Raises RigFileError if ``--rig`` cannot be read.
     """
     settings = context.settings
     rig = Rig() if settings.rig is None else await asyncio.to_thread(rig_of, settings.rig)
@@ -191,15 +185,9 @@ async def _scene(context: Context) -> tuple[LiveTree | None, tuple[Light, ...]]:
 
 
 def config_of(settings: Settings, number: int = 0, camera: MountedCamera | None = None) -> StereoConfig:
-    """Return the configuration of a camera.
+    """Return the configuration of the camera of a pipeline, from its entry in ``--stereo-cameras`` (None: camera 0).
 
-    Args:
-        settings: settings of the gateway.
-        number: number of its pipeline.
-        camera: its entry in ``--stereo-cameras``; None: camera 0.
-
-    Raises:
-        ProfileError: its profile cannot be used.
+    Raises ProfileError if its profile cannot be used.
     """
     tls = None
     if settings.grpc_certificate is not None and settings.grpc_key is not None:
@@ -230,13 +218,7 @@ class StereoSensor:
     """Images of a stereo camera for the browser view, with the parameters of the image stream."""
 
     def __init__(self, service: StereoService, view: SceneView, *, live: bool, moves: bool = False) -> None:
-        """
-        Args:
-            service: camera.
-            view: scene and pose of the camera.
-            live: True if the camera sees the live tree.
-            moves: True if the camera follows a node.
-        """
+        """``live``: the camera sees the live tree. ``moves``: it follows a node."""
         self._service = service
         self._view = view
         self._live = live
@@ -252,12 +234,7 @@ class StereoSensor:
         return StereoRig(pose, k.width, k.height, k.focal_length, k.focal_length, k.cx, k.cy, model.baseline)
 
     async def capture(self) -> StereoImages:
-        """Capture and return a set of images with the current parameters.
-
-        Raises:
-            QueueFull: the worker queue is full.
-            ImageError: a texture of the scene cannot be decoded.
-        """
+        """Capture and return a set of images with the current parameters. Raises QueueFull or ImageError."""
         service = self._service
         frame = await service.capture(_VIEW_IMAGES)
         left, right, images, metered = await asyncio.gather(

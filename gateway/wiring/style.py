@@ -1,7 +1,5 @@
 """Shading that the settings choose."""
 
-from __future__ import annotations
-
 from gateway.files.assets.light_rig_file import rig_of
 from gateway.runtime.settings import Settings
 from gateway.scene.draw.style import Style

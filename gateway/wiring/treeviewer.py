@@ -1,7 +1,5 @@
 """Director's tree viewer over LCM and TCPQ."""
 
-from __future__ import annotations
-
 from gateway.adapters.treeviewer.config import TreeViewerConfig
 from gateway.adapters.treeviewer.service import TreeViewerService
 from gateway.runtime.lcm.config import LcmConfig

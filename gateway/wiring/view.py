@@ -1,7 +1,5 @@
 """Connects the browser view to the interfaces that it shows."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 from gateway.adapters.viewer.config import ViewerConfig

@@ -1,7 +1,5 @@
 """Tasks of one process under ``--workers``: write its reports, and tell the supervisor that it responds."""
 
-from __future__ import annotations
-
 import asyncio
 import contextlib
 from collections.abc import AsyncIterator

@@ -53,7 +53,7 @@ def test_recording_ends_after_its_time(seconds: str, tmp_path: Path, monkeypatch
     calls: list[tuple[Any, ...]] = []
 
     async def record(
-        out: Path, url: str | None, channels: str, progress: replay.Progress, stop: asyncio.Event, on_ready: Any
+        out: Path, url: str | None, channels: str, progress: replay.LogProgress, stop: asyncio.Event, on_ready: Any
     ) -> None:
         calls.append((out, url, channels))
         on_ready()
@@ -86,7 +86,7 @@ def test_playing_a_log(
 ) -> None:
     calls: list[replay.PlayOptions] = []
 
-    async def play(log: Path, url: str | None, playback: replay.PlayOptions, progress: replay.Progress) -> None:
+    async def play(log: Path, url: str | None, playback: replay.PlayOptions, progress: replay.LogProgress) -> None:
         calls.append(playback)
         progress.events, progress.data_bytes = 3, 70
         if playback.loop:

@@ -8,8 +8,8 @@ import pytest
 
 from gateway.datasets.camera_file import CameraFile
 from gateway.datasets.classes import ClassTable, classes_of_models
-from gateway.datasets.job import Job, Result, Task, make_job
-from gateway.datasets.run import Progress, run
+from gateway.datasets.job import Job, RenderTask, Result, make_job
+from gateway.datasets.run import RunProgress, run
 from gateway.datasets.scene_sources import find_sources
 from gateway.datasets.scenes import model_names
 from gateway.datasets.views import View
@@ -52,15 +52,15 @@ def scenes(tmp_path: Path) -> Path:
     return folder
 
 
-Draw = Callable[..., Progress]
+Draw = Callable[..., RunProgress]
 
 
 @pytest.fixture
 def draw() -> Draw:
     """Run jobs in this process; ``most`` interrupts the run after that many tasks."""
 
-    def execute(job: Job, most: int | None = None) -> Progress:
-        def tasks(all_of: list[Task]) -> Iterator[Result]:
+    def execute(job: Job, most: int | None = None) -> RunProgress:
+        def tasks(all_of: list[RenderTask]) -> Iterator[Result]:
             for number, task in enumerate(all_of):
                 if number == most:
                     raise KeyboardInterrupt

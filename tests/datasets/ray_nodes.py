@@ -112,7 +112,7 @@ def main(scenes: Path, out: Path, orbit: int, settings: bytes) -> None:
     ensure_compiled()
     from ray.cluster_utils import Cluster
 
-    from gateway.datasets.job import Result, Task
+    from gateway.datasets.job import RenderTask, Result
     from gateway.datasets.ray_tasks import run_ray
     from gateway.datasets.run import run
     from scenegate.datasets.manifest import Settings
@@ -130,7 +130,7 @@ def main(scenes: Path, out: Path, orbit: int, settings: bytes) -> None:
                 return
             time.sleep(0.005)
 
-    def execute(tasks: list[Task]) -> Iterator[Result]:
+    def execute(tasks: list[RenderTask]) -> Iterator[Result]:
         killer = threading.Thread(target=kill_one)
         started = False
         for number, result in enumerate(run_ray(tasks, cluster.address)):

@@ -21,7 +21,7 @@ from gateway.datasets import worker as worker_module
 from gateway.datasets.camera_file import CameraFile
 from gateway.datasets.errors import DatasetError
 from gateway.datasets.files import locked
-from gateway.datasets.job import Result, Task
+from gateway.datasets.job import RenderTask, Result
 from gateway.datasets.run import run
 from gateway.datasets.scene_sources import Source
 from gateway.datasets.scenes import LoadedScene, load_scene
@@ -313,7 +313,7 @@ def test_a_dataset_grows(scenes: Path, tmp_path: Path, draw: Draw) -> None:
 
 
 def test_workers_with_another_renderer_refuse(scenes: Path, tmp_path: Path, draw: Draw) -> None:
-    def strange(tasks: list[Task]) -> Iterator[Result]:
+    def strange(tasks: list[RenderTask]) -> Iterator[Result]:
         return map(run_task, [replace(task, renderer_digest="0123") for task in tasks])
 
     progress = run(job_of(scenes, tmp_path / "out"), strange, lambda _: None)
@@ -321,7 +321,7 @@ def test_workers_with_another_renderer_refuse(scenes: Path, tmp_path: Path, draw
     assert all("another version of Scenegate" in failure.reason for failure in progress.failures)
 
 
-def _killer(task: Task) -> Result:
+def _killer(task: RenderTask) -> Result:
     """Stands in for a worker's work: scene 'a.gltf' kills its process."""
     if task.source.name == "a.gltf":
         os.kill(os.getpid(), signal.SIGKILL)

@@ -17,13 +17,13 @@ import pytest
 
 from gateway.datasets import local_tasks, ray_tasks, worker
 from gateway.datasets.errors import DatasetError
-from gateway.datasets.job import Result, Task
+from gateway.datasets.job import RenderTask, Result
 from tests.datasets.conftest import job_of
 from tests.support import forms
 
 
 @pytest.fixture
-def task(tmp_path: Path) -> Task:
+def task(tmp_path: Path) -> RenderTask:
     scene = tmp_path / "scenes" / "a.gltf"
     scene.parent.mkdir()
     scene.write_text(json.dumps(forms.gltf()))
@@ -31,17 +31,17 @@ def task(tmp_path: Path) -> Task:
     return only
 
 
-def numbered(task: Task, count: int) -> list[Task]:
+def numbered(task: RenderTask, count: int) -> list[RenderTask]:
     return [replace(task, out=str(number)) for number in range(count)]
 
 
 @pytest.mark.parametrize(("cores", "tasks", "threads"), [(1, 3, 1), (8, 1, 8), (0, 1, 1), (3, 1, 3)])
 def test_one_worker_runs_in_this_process(
-    task: Task, cores: int, tasks: int, threads: int, monkeypatch: pytest.MonkeyPatch
+    task: RenderTask, cores: int, tasks: int, threads: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    done: list[Task] = []
+    done: list[RenderTask] = []
 
-    def run_task(task: Task) -> Result:
+    def run_task(task: RenderTask) -> Result:
         done.append(task)
         return Result()
 
@@ -68,7 +68,7 @@ class FakePool:
     def __exit__(self, *_: object) -> None:
         self.alive = False
 
-    def submit(self, _: Any, task: Task) -> Future[Result]:
+    def submit(self, _: Any, task: RenderTask) -> Future[Result]:
         assert signal.SIGINT in signal.pthread_sigmask(signal.SIG_BLOCK, ()), "Ctrl+C would reach a process that starts"
         assert self.alive, "the process of this pool has died"
         future: Future[Result] = Future()
@@ -92,7 +92,7 @@ def pools(monkeypatch: pytest.MonkeyPatch) -> type[FakePool]:
     ("cores", "tasks", "workers", "threads"), [(2, 5, 2, 1), (4, 2, 2, 2), (5, 2, 2, 2), (3, 3, 3, 1)]
 )
 def test_cores_are_shared_by_the_workers(
-    task: Task, pools: type[FakePool], cores: int, tasks: int, workers: int, threads: int
+    task: RenderTask, pools: type[FakePool], cores: int, tasks: int, workers: int, threads: int
 ) -> None:
     results = list(local_tasks.run_local(numbered(task, tasks), cores))
     assert pools.made == workers
@@ -102,7 +102,7 @@ def test_cores_are_shared_by_the_workers(
 
 @pytest.mark.parametrize(("deaths", "failed"), [(0, 0), (1, 0), (2, 1)])
 def test_a_task_whose_process_died_is_repeated_once_at_the_end(
-    task: Task, pools: type[FakePool], deaths: int, failed: int
+    task: RenderTask, pools: type[FakePool], deaths: int, failed: int
 ) -> None:
     pools.deadly = {"1": deaths}
     results = list(local_tasks.run_local(numbered(task, 4), 2))
@@ -115,11 +115,11 @@ def test_a_task_whose_process_died_is_repeated_once_at_the_end(
 
 
 def test_a_process_that_dies_between_two_tasks_is_replaced(
-    task: Task, pools: type[FakePool], monkeypatch: pytest.MonkeyPatch
+    task: RenderTask, pools: type[FakePool], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     submit, refusals = FakePool.submit, iter((False, False, True))
 
-    def refusing(self: FakePool, function: Any, task: Task) -> Future[Result]:
+    def refusing(self: FakePool, function: Any, task: RenderTask) -> Future[Result]:
         if next(refusals, False):
             raise BrokenProcessPool("died")
         return submit(self, function, task)
@@ -132,12 +132,12 @@ def test_a_process_that_dies_between_two_tasks_is_replaced(
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_signals_wait_until_a_process_has_started(
-    task: Task, pools: type[FakePool], monkeypatch: pytest.MonkeyPatch, number: signal.Signals
+    task: RenderTask, pools: type[FakePool], monkeypatch: pytest.MonkeyPatch, number: signal.Signals
 ) -> None:
     """The signal comes while the first task is submitted, as if another thread had received it."""
     submit, submitted = FakePool.submit, []
 
-    def interrupted(self: FakePool, function: Any, task: Task) -> Future[Result]:
+    def interrupted(self: FakePool, function: Any, task: RenderTask) -> Future[Result]:
         signal.pthread_sigmask(signal.SIG_UNBLOCK, {number})
         signal.raise_signal(number)
         signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
@@ -164,7 +164,7 @@ class FakeRay(SimpleNamespace):
         self.resources = {} if cores is None else {"CPU": cores}
         self.fails, self.raises = fails, raises
         self.options: dict[str, Any] = {}
-        self.tasks: list[Task] = []
+        self.tasks: list[RenderTask] = []
         self.most_running = self.finished = 0
         self.initialised, self.calls = False, list[str]()
 
@@ -208,7 +208,7 @@ class FakeRay(SimpleNamespace):
 
 @pytest.mark.parametrize(("cores", "most"), [(3.0, 6), (1, 2), (None, 2), (0, 1), (0.5, 1)])
 def test_every_core_of_the_cluster_has_its_next_task(
-    task: Task, cores: Any, most: int, monkeypatch: pytest.MonkeyPatch
+    task: RenderTask, cores: Any, most: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     ray = FakeRay(cores)
     monkeypatch.setitem(sys.modules, "ray", ray)
@@ -219,7 +219,7 @@ def test_every_core_of_the_cluster_has_its_next_task(
     assert ray.calls == ["auto", "shutdown"]
 
 
-def test_ray_that_runs_already_is_left_running(task: Task, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_ray_that_runs_already_is_left_running(task: RenderTask, monkeypatch: pytest.MonkeyPatch) -> None:
     ray = FakeRay(1)
     ray.initialised = True
     monkeypatch.setitem(sys.modules, "ray", ray)
@@ -227,7 +227,7 @@ def test_ray_that_runs_already_is_left_running(task: Task, monkeypatch: pytest.M
     assert ray.calls == []
 
 
-def test_a_task_that_ray_gave_up_fails_alone(task: Task, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_task_that_ray_gave_up_fails_alone(task: RenderTask, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "ray", FakeRay(1, fails=("1",), raises=("3",)))
     first, second, third, fourth = ray_tasks.run_ray(numbered(task, 4), "auto")
     assert (first.warnings, third.warnings) == (("0",), ("2",))
@@ -236,7 +236,7 @@ def test_a_task_that_ray_gave_up_fails_alone(task: Task, monkeypatch: pytest.Mon
     assert {failure.reason for failure in fourth.failures} == {"the worker failed: RayTaskError"}
 
 
-def test_ray_without_a_cluster_and_without_ray(task: Task, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_ray_without_a_cluster_and_without_ray(task: RenderTask, monkeypatch: pytest.MonkeyPatch) -> None:
     ray = FakeRay(1)
     monkeypatch.setitem(sys.modules, "ray", ray)
     with pytest.raises(DatasetError, match=r"Ray .*nowhere"):

@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 from typing import Any
 
-from gateway.runtime.service_registry import Entry, ServiceRegistry, State
+from gateway.runtime.service_registry import Entry, InterfaceState, ServiceRegistry
 
 
 class FakeService:
@@ -57,7 +57,7 @@ def test_stopping_keeps_failures_visible() -> None:
     registry.fail("stereo", "port taken")
     registry.stop()
     assert registry.verdict() == "stopping"
-    assert [entry.state for entry in registry.entries.values()] == [State.STOPPED, State.FAILED]
+    assert [entry.state for entry in registry.entries.values()] == [InterfaceState.STOPPED, InterfaceState.FAILED]
 
 
 def test_without_details_only_state_and_port_are_described() -> None:
@@ -81,7 +81,7 @@ def test_progress_is_described_while_starting_and_figures_while_ready() -> None:
     registry.entries["kernels"].figures = lambda: {"count": 43}
     assert registry.describe()["interfaces"]["kernels"] == {"state": "starting", "seconds": 3}
     assert registry.describe(details=False)["interfaces"]["kernels"] == {"state": "starting"}
-    registry.entries["kernels"].state = State.READY
+    registry.entries["kernels"].state = InterfaceState.READY
     assert registry.describe()["interfaces"]["kernels"] == {"state": "ready", "count": 43}
     registry.expect("kernels")  # again: nothing changes
     assert registry.verdict() == "ready"
@@ -93,5 +93,5 @@ def test_the_verdict_prefers_stopping_to_starting_to_degraded() -> None:
     assert registry.verdict() == "degraded"
     registry.expect("view")
     assert registry.verdict() == "starting"
-    registry.entries["render"] = Entry(State.STOPPED)
+    registry.entries["render"] = Entry(InterfaceState.STOPPED)
     assert registry.verdict() == "stopping"

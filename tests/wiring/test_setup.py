@@ -33,7 +33,7 @@ from gateway.scene.tree.live import LiveTree
 from gateway.wiring import demo, render, sceneapi, stereo, treeviewer
 from gateway.wiring.context import Context
 from gateway.wiring.interfaces import enabled_interfaces
-from gateway.wiring.provided import Provided, StereoCamera
+from gateway.wiring.provided import Provided, ProvidedCamera
 from renderers.drawlist import Material
 from renderers.raster import CpuRenderer
 from renderers.stereo.light.levels import LightLevels
@@ -126,7 +126,7 @@ async def test_settings_of_the_scene_api(contexts: Any, monkeypatch: pytest.Monk
     context = contexts(background=(1, 2, 3), max_pixels=7777)
     anything: Any = None
     camera: Any = object()
-    provided = Provided(stereo=StereoCamera(anything, anything, lambda snapshot: camera))
+    provided = Provided(stereo=ProvidedCamera(anything, anything, lambda snapshot: camera))
     made = await arguments(monkeypatch, sceneapi, "SceneApi", context, provided)
     config = made.positional[3]
     assert (config.style.background, config.max_pixels) == ((1, 2, 3), 7777)

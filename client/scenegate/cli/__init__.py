@@ -1,7 +1,5 @@
 """The command ``scenegate``. Commands import lazily, and every expected error is one sentence without a traceback."""
 
-from __future__ import annotations
-
 import argparse
 import os
 import re

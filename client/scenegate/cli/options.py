@@ -79,8 +79,7 @@ def add_access(parser: argparse.ArgumentParser) -> None:
 def pop_credentials(values: dict[str, Any]) -> Credentials:
     """Remove the options of ``add_access`` from the values of all options, and return the credentials.
 
-    Raises:
-        ValueError, OSError: a token is invalid or cannot be read, or a certificate has no key.
+    Raises ValueError or OSError if a token is invalid or cannot be read, or a certificate has no key.
     """
     from scenegate.credentials import Credentials, read_token
 

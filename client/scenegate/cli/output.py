@@ -1,7 +1,5 @@
 """Lines that commands print. All text from outside passes here, see ``scenegate.printable``."""
 
-from __future__ import annotations
-
 import argparse
 import sys
 from typing import NoReturn

@@ -1,7 +1,5 @@
 """``scenegate play``: play a log file into an LCM network."""
 
-from __future__ import annotations
-
 import argparse
 import asyncio
 import logging
@@ -39,7 +37,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(options: argparse.Namespace) -> None:
     """Play the log."""
     logging.basicConfig(format="scenegate: %(message)s")
-    log, progress = options.log, replay.Progress()
+    log, progress = options.log, replay.LogProgress()
     section = Section(options.start, options.duration, STATE_CHANNELS)
     play_options = replay.PlayOptions(options.rate, section, options.loop, options.channels)
 

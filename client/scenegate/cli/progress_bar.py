@@ -1,7 +1,5 @@
 """Progress bar of long commands: count, rate and remaining time."""
 
-from __future__ import annotations
-
 import shutil
 import sys
 import time
@@ -35,13 +33,9 @@ class ProgressBar:
             self._write(f"{description} ...")
 
     def update(self, completed: float, count: int, *, total: float | None = None, note: str = "") -> None:
-        """Show the current state.
+        """Show the completed part of ``total`` (None: unchanged), the units so far with their rate, and a note.
 
-        Args:
-            completed: completed part of ``total``: the bar and the remaining time follow from both.
-            count: number of units so far. It is shown with its rate.
-            total: value of ``completed`` at the end; None: unchanged.
-            note: text at the end of the line.
+        The bar and the remaining time follow from the completed part.
         """
         if total is not None:
             self._total = total
@@ -89,12 +83,9 @@ def clock_text(seconds: float) -> str:
 
 @contextmanager
 def progress_bar(description: str, unit: str, total: float | None = None) -> Iterator[ProgressBar]:
-    """Show a bar on stderr while the block runs, if stderr is a terminal.
+    """Show a bar on stderr while the block runs, if stderr is a terminal. ``unit``: what is counted, in the plural.
 
-    Args:
-        description: what is being done.
-        unit: what is counted, in the plural.
-        total: value of ``completed`` at the end; None: not known, and elapsed time is shown instead.
+    ``total``: value of ``completed`` at the end; None: not known, and elapsed time is shown instead.
     """
     bar = ProgressBar(description, unit, total, sys.stderr.isatty())
     try:

@@ -1,7 +1,5 @@
 """``scenegate publish``: put a file into the live scene of a running viewer, Scenegate's or Director's."""
 
-from __future__ import annotations
-
 import argparse
 import contextlib
 import json

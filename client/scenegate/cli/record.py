@@ -1,7 +1,5 @@
 """``scenegate record``: write an LCM network's messages to a log file. ``record_mcap`` writes MCAP files instead."""
 
-from __future__ import annotations
-
 import argparse
 import asyncio
 import contextlib
@@ -42,7 +40,7 @@ def run(options: argparse.Namespace) -> None:
         record_mcap.run(options)
         return
     logging.basicConfig(format="scenegate: %(message)s")
-    progress = replay.Progress()
+    progress = replay.LogProgress()
 
     async def record_log() -> None:
         stop = asyncio.Event()

@@ -1,7 +1,5 @@
 """Standard streams of a command: closed ones, characters that stdout cannot encode, and readers that have ended."""
 
-from __future__ import annotations
-
 import io
 import os
 import select

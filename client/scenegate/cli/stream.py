@@ -1,7 +1,5 @@
 """``scenegate stream``: receive the image sets of Scenegate's stereo camera or of a real rc_visard."""
 
-from __future__ import annotations
-
 import argparse
 import contextlib
 from pathlib import Path

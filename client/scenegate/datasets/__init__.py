@@ -1,7 +1,5 @@
 """Reads datasets that ``scenegate render`` has written. ``manifest`` has the records of their files."""
 
-from __future__ import annotations
-
 from scenegate.datasets.dataset import NO_LABEL as NO_LABEL
 from scenegate.datasets.dataset import Dataset as Dataset
 from scenegate.datasets.dataset import Sample as Sample

@@ -1,7 +1,5 @@
 """Boxes of objects: of the pixels of a mask, and corners and edges of those in space."""
 
-from __future__ import annotations
-
 from itertools import combinations, product
 from typing import Final
 

@@ -3,8 +3,6 @@
 ``dataset`` uses it for the manifest, which has 1 GB for a million samples.
 """
 
-from __future__ import annotations
-
 import os
 import weakref
 from pathlib import Path
@@ -30,8 +28,7 @@ class Lines:
     def __init__(self, path: Path) -> None:
         """Open a file, and find the starts of its lines.
 
-        Raises:
-            RecordError: the file is not readable, a line exceeds ``MAX_LINE_BYTES``, or the last line has no newline.
+        Raises RecordError if it is not readable, a line exceeds ``MAX_LINE_BYTES``, or the last line has no newline.
         """
         self._path = path
         self._descriptor = self._open()

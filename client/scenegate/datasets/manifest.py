@@ -5,8 +5,6 @@ scene from one camera. The folder of each scene has a ``scene.json``. No record 
 same input gives the same bytes. See ``docs/datasets.md``.
 """
 
-from __future__ import annotations
-
 import os
 from collections.abc import Iterator
 from pathlib import Path, PurePosixPath

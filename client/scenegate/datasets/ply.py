@@ -1,7 +1,5 @@
 """PLY files of the models of datasets: binary, with vertices and triangles."""
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 from typing import Final
@@ -25,8 +23,7 @@ _FACE: Final = np.dtype([("count", "u1"), ("corners", "<i4", 3)])
 def read_ply(path: Path) -> tuple[NDArray[np.float64], NDArray[np.int32]]:
     """Return the vertices, (N, 3) metres, and triangles, (M, 3), of a model of a dataset.
 
-    Raises:
-        RecordError: it is not a file as ``scenegate render`` writes it.
+    Raises RecordError if it is not a file as ``scenegate render`` writes it.
     """
     with errors_as(RecordError, path):
         data = read_regular(path)

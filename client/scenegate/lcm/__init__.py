@@ -8,8 +8,6 @@
 - ``event_log``, ``replay``: record a network to LCM's log files, and play these into a network.
 """
 
-from __future__ import annotations
-
 import logging
 
 logging.getLogger("scenegate.lcm").addHandler(logging.NullHandler())  # programs decide whether warnings are printed

@@ -4,8 +4,6 @@ A file is a sequence of events. An event has ``sync word, number, time in micros
 big-endian integers, then the channel and the data. Source: lcm/eventlog.c of LCM 1.5.
 """
 
-from __future__ import annotations
-
 import io
 import struct
 from collections.abc import Callable, Iterator
@@ -52,15 +50,10 @@ def read_events(
     wanted: Callable[[str], bool] = lambda channel: True,
     on_damage: Callable[[int], object] = lambda size: None,
 ) -> Iterator[Event]:
-    """Yield all complete events from the file's position to its end. Damaged and truncated parts are skipped.
+    """Yield all complete events from the position of a log file to its end. Damaged and truncated parts are skipped.
 
-    Args:
-        file: log file, at its begin or at the position of an event.
-        wanted: returns False for channels whose data is not read. Their events are yielded with empty data.
-        on_damage: called with the number of bytes of each part that is skipped.
-
-    Raises:
-        EventLogError: the file is not empty, but has no complete event.
+    Events of channels that are not ``wanted`` have empty data. ``on_damage`` gets the bytes of each part that is
+    skipped. Raises EventLogError if the file is not empty, but has no complete event.
     """
     position = begin = file.tell()
     has_events = has_damage = False
@@ -172,15 +165,8 @@ def section_events(
     """Yield the events of a section with their times in seconds from its start, as recorded.
 
     Earlier messages of ``section.state_channels`` come first, with None as their time: all edits, then the last values,
-    both in the order of the log. Of other earlier messages only the headers are read.
-
-    Args:
-        file: log file at its begin.
-        wanted: returns False for channels that are left out.
-
-    Raises:
-        EventLogError: the file is not empty, but has no complete event.
-        EmptySectionError: the section begins after the end of the log.
+    both in the order of the log. Of other earlier messages, and of channels that are not ``wanted``, only the headers
+    are read. Raises EventLogError, or EmptySectionError if the section begins after the end of the log.
     """
     channels = section.state_channels
     last_values: dict[str, int] = {}

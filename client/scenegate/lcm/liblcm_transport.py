@@ -3,8 +3,6 @@
 liblcm receives in a thread of its own, and writes to a pipe when messages arrive. The event loop watches the pipe.
 """
 
-from __future__ import annotations
-
 import asyncio
 import logging
 import os
@@ -30,8 +28,7 @@ class LiblcmTransport:
     def __init__(self, url: str, pattern: str, max_queued_bytes: int) -> None:
         """Join the network, and receive the channels of a regular expression.
 
-        Raises:
-            LcmUnavailableError: liblcm cannot be loaded, or refuses the URL or the pattern.
+        Raises LcmUnavailableError if liblcm cannot be loaded, or refuses the URL or the pattern.
         """
         self.url = url
         self.queue = ReceiveQueue(max_queued_bytes)
@@ -88,8 +85,7 @@ class LiblcmTransport:
 def _connect(url: str) -> Any:
     """Return a new LCM object, connected to the network.
 
-    Raises:
-        LcmUnavailableError: liblcm cannot be loaded, too many files are open, or it refuses the URL.
+    Raises LcmUnavailableError if liblcm cannot be loaded or refuses the URL, or too many files are open.
     """
     try:
         import lcm

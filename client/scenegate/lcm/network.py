@@ -1,7 +1,5 @@
 """Open the transport for an LCM URL. The tree viewer's service and ``replay`` call it."""
 
-from __future__ import annotations
-
 import os
 from typing import Final
 
@@ -31,13 +29,9 @@ def channel_pattern(prefixes: tuple[str, ...]) -> str:
 
 
 def open_transport(url: str, prefixes: tuple[str, ...], limits: TransportLimits) -> Transport:
-    """Return the transport that connects to the network at ``url``.
+    """Return the transport that connects to the network at ``url``. Raises LcmUnavailableError.
 
-    Args:
-        prefixes: starts of the channel names to receive. One that ends with ``WHOLE_NAME`` is a whole name.
-
-    Raises:
-        LcmUnavailableError: the transport cannot be opened.
+    ``prefixes``: starts of the channel names to receive. One that ends with ``WHOLE_NAME`` is a whole name.
     """
     try:
         check_lcm_url(url)

@@ -1,7 +1,5 @@
 """Bounded queue of received messages between a transport and its callback ``on_message``."""
 
-from __future__ import annotations
-
 import asyncio
 from collections import deque
 from typing import Final

@@ -1,7 +1,5 @@
 """Record an LCM network to a log file, and play a log file into a network, for the command line."""
 
-from __future__ import annotations
-
 import asyncio
 import re
 import time
@@ -33,7 +31,7 @@ YIELD_EVENTS: Final = 64
 
 
 @dataclass(slots=True)
-class Progress:
+class LogProgress:
     """Events recorded or played so far."""
 
     events: int = 0
@@ -48,23 +46,15 @@ async def record(
     path: Path,
     url: str | None,
     channels: str,
-    progress: Progress,
+    progress: LogProgress,
     stop: asyncio.Event,
     on_ready: Callable[[], None] = lambda: None,
 ) -> None:
     """Write messages to a log until ``stop`` is set. Each message is flushed to the file at once.
 
-    Args:
-        path: log file; replaced if it exists, once the network is joined.
-        url: LCM URL; None: the environment variable LCM_DEFAULT_URL, or else LCM's default.
-        channels: regular expression that must match the whole channel name.
-        progress: counts the recorded events.
-        stop: ends the recording.
-        on_ready: called when the recording has started.
-    Raises:
-        LcmUnavailableError, ConnectionError: the network cannot be joined.
-        OSError: the file cannot be written.
-        ValueError: ``channels`` is not a regular expression.
+    The file is replaced once the network of the URL (None: LCM_DEFAULT_URL, or LCM's default) is joined; then
+    ``on_ready`` is called. ``channels`` must match the whole channel name. Raises LcmUnavailableError, ConnectionError,
+    OSError, or ValueError if ``channels`` is no regular expression.
     """
     pattern = _pattern(channels)
     write_error: OSError | None = None
@@ -108,20 +98,12 @@ class PlayOptions:
     """Regular expression that must match the whole channel name."""
 
 
-async def play(path: Path, url: str | None, options: PlayOptions, progress: Progress) -> None:
-    """Publish a log's messages, with the time between them as recorded.
+async def play(path: Path, url: str | None, options: PlayOptions, progress: LogProgress) -> None:
+    """Publish a log's messages, with the time between them as recorded. URL as for ``record``.
 
-    Args:
-        path: log file.
-        url: LCM URL; None: the environment variable LCM_DEFAULT_URL, or else LCM's default.
-        options: what is played, and how fast.
-        progress: counts the played events, from 0.
-    Raises:
-        LcmUnavailableError, ConnectionError: the network cannot be joined.
-        EventLogError: the file is not an LCM log.
-        OSError: the file cannot be read, or the connection is lost.
-        ValueError: ``options.channels`` is not a regular expression or matches no channel, a channel name or message
-            does not fit into the network, or the log ends before the section.
+    Raises LcmUnavailableError, ConnectionError, EventLogError or OSError; ValueError if ``options.channels`` is no
+    regular expression or matches no channel, a name or message does not fit into the network, or the log ends before
+    the section.
     """
     pattern = _pattern(options.channels)
     async with _open_connected(url) as transport:
@@ -138,7 +120,7 @@ async def play(path: Path, url: str | None, options: PlayOptions, progress: Prog
 
 
 async def _play_once(
-    path: Path, transport: Transport, options: PlayOptions, pattern: re.Pattern[str], progress: Progress
+    path: Path, transport: Transport, options: PlayOptions, pattern: re.Pattern[str], progress: LogProgress
 ) -> None:
     """Publish the section's messages once; raise ValueError if it has channels, but none that matches."""
     unmatched: set[str] = set()
@@ -174,11 +156,7 @@ async def _play_once(
 
 
 def _pattern(channels: str) -> re.Pattern[str]:
-    """Return the pattern of ``--channels``.
-
-    Raises:
-        ValueError: it is not a regular expression.
-    """
+    """Return the pattern of ``--channels``. Raises ValueError if it is not a regular expression."""
     try:
         return re.compile(channels)
     except re.error as error:

@@ -5,8 +5,6 @@ and, for messages, ``length, data``. Integers are big-endian uint32. The client 
 the hub sends the messages that match. Source: lcm/lcm_tcpq.c and TCPProvider.java of LCM 1.5.
 """
 
-from __future__ import annotations
-
 import asyncio
 import struct
 from collections.abc import Callable
@@ -85,15 +83,11 @@ class FrameParser:
         reserve: Callable[[int], bool] = lambda size: True,
         release: Callable[[int], None] = lambda size: None,
     ) -> None:
-        """Create a parser for one connection.
+        """Create a parser for one connection, whose peer must send ``magic`` first.
 
-        Args:
-            magic: number that the peer must send first.
-            max_message: maximum bytes of one message.
-            on_frame: called with type, channel or pattern, and data. The parser does not reuse the memory of the data.
-            reserve: called with the size of a big message before its data is read; returns False to refuse the
-                message.
-            release: called with this size when the message is complete, or by ``close``.
+        ``on_frame`` is called with type, channel or pattern, and data, whose memory is not reused. ``reserve`` is
+        called with the size of a big message before its data is read, and returns False to refuse it; ``release`` when
+        it is complete, or by ``close``.
         """
         self._magic = magic
         self._max_message = max_message
@@ -124,11 +118,7 @@ class FrameParser:
         return self._scratch_view[self._received_end :]
 
     def received(self, count: int) -> None:
-        """Parse ``count`` bytes that were written to ``buffer()``.
-
-        Raises:
-            FrameError: the bytes are not TCPQ, or exceed a limit.
-        """
+        """Parse ``count`` bytes that were written to ``buffer()``. Raises FrameError for others, or above a limit."""
         if self._big_message is not None:
             self._big_received += count
             if self._big_received == len(self._big_message):

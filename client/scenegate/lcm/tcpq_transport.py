@@ -45,8 +45,7 @@ class TcpqTransport:
     def __init__(self, url: str, pattern: str, max_message: int) -> None:
         """Prepare to receive the channels of a regular expression from ``tcpq://[host[:port]]``; ``start`` connects.
 
-        Raises:
-            ValueError: the URL has no valid port.
+        Raises ValueError if the URL has no valid port.
         """
         self.url = url
         parts = urlsplit(url)

@@ -1,7 +1,5 @@
 """Interface and limits of all LCM transports. ``network.open_transport`` returns an implementation for a URL."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Callable
 from dataclasses import dataclass

@@ -6,8 +6,6 @@ fragment has ``channel\\0`` before its data. Integers are big-endian. Source: lc
 LCM 1.5.
 """
 
-from __future__ import annotations
-
 import struct
 from collections.abc import Iterator
 from typing import Final, NamedTuple

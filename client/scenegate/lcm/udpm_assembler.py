@@ -1,7 +1,5 @@
 """Assemble messages from UDP datagrams, which may get lost, or arrive in any order or more than once."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, field

@@ -1,7 +1,5 @@
 """Send LCM messages over UDP multicast without blocking, for ``udpm_transport``."""
 
-from __future__ import annotations
-
 import asyncio
 import logging
 import socket
@@ -45,11 +43,9 @@ class UdpmSender:
         self._loop = asyncio.get_running_loop()
 
     def send(self, channel: str, message: bytes | bytearray) -> None:
-        """Send a message, or queue it.
+        """Send a message, or queue it. Raises ValueError if the channel name or the message is too long.
 
-        Raises:
-            OSError: the kernel refuses the message, or too many bytes are queued.
-            ValueError: the channel name or the message is too long.
+        Raises OSError if the kernel refuses it, or too many bytes are queued.
         """
         if self._queue and self.unsent_bytes + len(message) > self._max_unsent:
             raise OSError(f"the network {self._url} accepts nothing: {self.unsent_bytes} bytes are queued")

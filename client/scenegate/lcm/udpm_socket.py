@@ -4,8 +4,6 @@ The kernel drops datagrams while the receive buffer is full, so its size limits 
 complete.
 """
 
-from __future__ import annotations
-
 import array
 import contextlib
 import errno
@@ -56,8 +54,7 @@ _MEMINFO: Final = struct.Struct("9I")
 def receive_socket(url: str, network: UdpmUrl) -> socket.socket:
     """Return a non-blocking socket that has joined the multicast group.
 
-    Raises:
-        LcmUnavailableError: another program uses the port exclusively, or there is no route.
+    Raises LcmUnavailableError if another program uses the port exclusively, or there is no route.
     """
     sock = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
     try:
@@ -107,11 +104,7 @@ def send_socket(network: UdpmUrl) -> socket.socket:
 
 
 def check_route(url: str, network: UdpmUrl, receiver: socket.socket, sender: socket.socket) -> None:
-    """Send a datagram to the multicast group, and wait until it is received.
-
-    Raises:
-        LcmUnavailableError: the datagram cannot be sent, or does not arrive.
-    """
+    """Send a datagram to the multicast group, and wait until it arrives. Raises LcmUnavailableError if it does not."""
     deadline = time.monotonic() + SELF_TEST_SECONDS
     datagram = b"".join((udpm.SHORT_MAGIC, os.urandom(4), SELF_TEST_CHANNEL, b"\0lcm self test"))
     while time.monotonic() < deadline:

@@ -4,8 +4,6 @@ liblcm would read in a thread of its own, and hold the GIL while it copies a mes
 docs/decisions/0009-own-lcm-transport.md.
 """
 
-from __future__ import annotations
-
 import asyncio
 import logging
 import time
@@ -33,15 +31,9 @@ class UdpmTransport:
     """``Transport`` by UDP multicast. It joins the group when created; the kernel keeps datagrams until ``start``."""
 
     def __init__(self, url: str, prefixes: tuple[str, ...], limits: TransportLimits, max_message: int) -> None:
-        """Join the multicast group and test the route.
+        """Join the multicast group and test the route; ``prefixes`` as for ``network.open_transport``.
 
-        Args:
-            prefixes: see ``network.open_transport``.
-            max_message: maximum bytes of one message, with the fields around its payload.
-
-        Raises:
-            ValueError: the URL is invalid.
-            LcmUnavailableError: the port is in use, or there is no route.
+        Raises ValueError if the URL is invalid, LcmUnavailableError if the port is in use, or there is no route.
         """
         self.url = url
         network = self._network = parse_udpm_url(url)

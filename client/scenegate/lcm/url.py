@@ -1,7 +1,5 @@
 """LCM URLs: which are valid, and the parts of ``udpm://`` ones."""
 
-from __future__ import annotations
-
 import socket
 from dataclasses import dataclass
 from typing import Final
@@ -30,11 +28,7 @@ class UdpmUrl:
 
 
 def check_lcm_url(url: str) -> str:
-    """Return an LCM URL, ``off``, or an empty text for the default, if it is valid.
-
-    Raises:
-        ValueError: it is not; the message is a clause.
-    """
+    """Return an LCM URL, ``off``, or an empty text for the default. Raises ValueError, a clause, if it is invalid."""
     scheme = url.partition("://")[0]
     if url not in ("", OFF) and scheme not in SCHEMES:
         raise ValueError(f"the URL must begin with {', '.join(f'{name}://' for name in SCHEMES)}, or be 'off'")
@@ -46,11 +40,7 @@ def check_lcm_url(url: str) -> str:
 
 
 def parse_udpm_url(url: str) -> UdpmUrl:
-    """Parse a ``udpm://`` URL. Every part is optional.
-
-    Raises:
-        ValueError: a part is invalid; the message is a clause.
-    """
+    """Parse a ``udpm://`` URL. Every part is optional. Raises ValueError, a clause, if one is invalid."""
     parts = urlsplit(url)
     address, port = parts.hostname or _DEFAULT_ADDRESS, _port_of(parts)
     try:

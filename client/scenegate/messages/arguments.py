@@ -1,7 +1,5 @@
 """Read and describe values of users, for errors that name the argument and its value."""
 
-from __future__ import annotations
-
 import reprlib
 from typing import Any
 

@@ -1,7 +1,5 @@
 """A click in the browser, as the viewer sends it to clients."""
 
-from __future__ import annotations
-
 from typing import Literal, TypeAlias
 
 import msgspec

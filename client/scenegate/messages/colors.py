@@ -2,8 +2,6 @@
 protocol's fields.
 """
 
-from __future__ import annotations
-
 import os
 from collections.abc import Mapping
 from string import hexdigits
@@ -35,15 +33,10 @@ ImageLike: TypeAlias = ArrayLike | HasPixels | bytes | str | os.PathLike[str]
 
 
 def rgba(value: ArrayLike, name: str = "color") -> list[float]:
-    """Return red, green, blue and, if given, alpha, from 0 to 1.
+    """Return red, green, blue and, if given, alpha, from 0 to 1. Raises ValueError, with ``name``, for other values.
 
-    Args:
-        value: three or four numbers from 0 to 1; three or four integers from 0 to 255, at least one of them above 1; a
-            uint8 array; one integer 0xrrggbb; a CSS name; or ``#rgb``, ``#rgba``, ``#rrggbb``, ``#rrggbbaa``.
-        name: name of the field, for the error text.
-
-    Raises:
-        ValueError: the value is not one of these.
+    ``value``: three or four numbers from 0 to 1; three or four integers from 0 to 255, at least one of them above 1; a
+    uint8 array; one integer 0xrrggbb; a CSS name; or ``#rgb``, ``#rgba``, ``#rrggbb``, ``#rrggbbaa``.
     """
     wanted = f"{name} must be 3 or 4 numbers, 0xrrggbb, a CSS name or '#ff8000'"
     array = np.array(_parse_color(value, name), np.uint8) if isinstance(value, str) else as_array(value, wanted)
@@ -60,14 +53,9 @@ def rgba(value: ArrayLike, name: str = "color") -> list[float]:
 
 
 def color_rows(name: str, values: ArrayLike) -> NDArray[Any]:
-    """Return a copy of vertex colours, (N, 3) or (N, 4), uint8 or float32.
+    """Return a copy of vertex colours, (N, 3) or (N, 4), uint8 or float32; a grid of colours is flattened row by row.
 
-    Args:
-        name: name of the field, for the error text.
-        values: an array whose last axis has 3 or 4 channels; a grid of colours is flattened row by row.
-
-    Raises:
-        ValueError: wrong shape, or a value outside of its range.
+    Raises ValueError, with ``name``, for a wrong shape, or a value outside of its range.
     """
     wanted = f"{name} must have 3 or 4 numbers for each vertex"
     array = as_uint8_or_floats(values, wanted)
@@ -89,13 +77,8 @@ def check_color_count(colors: NDArray[Any], count: int) -> None:
 def image_field(value: ImageLike) -> NDArray[np.uint8] | bytes:
     """Return an image as the protocol's field: an encoded file, or a copy of its pixels as uint8.
 
-    Args:
-        value: an encoded PNG or JPEG file, the path of one, or pixels: (H, W), (H, W, 3) or (H, W, 4), uint8 or floats
-            from 0 to 1, top row first. A Pillow image counts as its pixels.
-
-    Raises:
-        ValueError: wrong shape, or a float outside of 0 to 1.
-        OSError: the file cannot be read.
+    ``value``: an encoded PNG or JPEG file, the path of one, or pixels: (H, W), (H, W, 3) or (H, W, 4), uint8 or floats
+    from 0 to 1, top row first. A Pillow image counts as its pixels. Raises ValueError, or OSError for a file.
     """
     if isinstance(value, bytes):
         return value
@@ -117,16 +100,9 @@ def image_field(value: ImageLike) -> NDArray[np.uint8] | bytes:
 
 
 def check_range(name: str, values: NDArray[Any]) -> None:
-    """Check that colours or intensities are uint8, or floats from 0 to 1.
+    """Check that colours or intensities are uint8, or floats from 0 to 1. Raises ValueError, with ``name``.
 
     NaN is allowed; the viewer shows it as 0.
-
-    Args:
-        name: name of the field, for the error text.
-        values: array of any shape.
-
-    Raises:
-        ValueError: a float is outside of 0 to 1.
     """
     if values.dtype == np.uint8 or not values.size:
         return

@@ -4,8 +4,6 @@ A command ``setcontrols`` has them as objects, with the type's name as ``type``.
 the type. Invalid fields raise ValueError, which names the field, its value and the limit.
 """
 
-from __future__ import annotations
-
 from typing import Any, ClassVar, Final, TypeAlias
 
 import msgspec
@@ -69,11 +67,7 @@ class Control(msgspec.Struct, frozen=True, tag_field="type", omit_defaults=True)
         return self.default if value is None else self.checked(value)
 
     def checked(self, value: Any) -> Value:
-        """Return a value as it is stored.
-
-        Raises:
-            ValueError: the control cannot have the value.
-        """
+        """Return a value as it is stored. Raises ValueError if the control cannot have it."""
         raise ValueError(f"{show(value)} cannot be set: the control has no value")
 
 
@@ -237,8 +231,7 @@ class Plot(Control, frozen=True, tag="plot"):
     def checked_samples(self, samples: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return samples, (N, 1 + curves): time in seconds and a value for each curve. NaN makes a gap.
 
-        Raises:
-            ValueError: wrong shape, more than ``MAX_SAMPLES``, or a time that is not finite.
+        Raises ValueError for a wrong shape, more than ``MAX_SAMPLES``, or a time that is not finite.
         """
         count = 1 + len(self.series)
         if samples.ndim != 2 or samples.shape[1] != count:
@@ -279,22 +272,14 @@ AnyControl: TypeAlias = Button | Slider | NumberInput | TextInput | Checkbox | D
 
 
 def number(value: Any, name: str) -> float:
-    """Return a number as float.
-
-    Raises:
-        ValueError: it is no number, not finite or beyond ``MAX_NUMBER``.
-    """
+    """Return a number as float. Raises ValueError if it is no number, not finite or beyond ``MAX_NUMBER``."""
     if isinstance(value, bool) or not isinstance(value, (int, float)) or not abs(value) <= MAX_NUMBER:
         raise ValueError(f"{name} must be a number of at most {MAX_NUMBER:g}, not {show(value)}")
     return float(value)
 
 
 def check_length(text: str, name: str, limit: int = MAX_NAME_CHARS) -> str:
-    """Return a text.
-
-    Raises:
-        ValueError: it is no text, longer than the limit, or no valid Unicode.
-    """
+    """Return a text. Raises ValueError if it is none, longer than the limit, or no valid Unicode."""
     if not isinstance(text, str):
         raise ValueError(f"{name} must be a text, not {show(text)}")
     if len(text) > limit:

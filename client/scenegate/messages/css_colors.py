@@ -1,7 +1,5 @@
 """Colours by the names of CSS Color Module Level 4."""
 
-from __future__ import annotations
-
 from typing import Final
 
 _TABLE: Final = """

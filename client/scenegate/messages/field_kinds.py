@@ -5,8 +5,6 @@ values that known clients of Director send. They raise ``CommandError`` for an i
 a valid one that cannot be drawn: NaN, infinite, or beyond ``MAX_DISTANCE``.
 """
 
-from __future__ import annotations
-
 import json
 import math
 import os
@@ -165,8 +163,7 @@ def number_list(name: str, values: ArrayLike, *counts: int) -> list[float]:
 def number_rows(name: str, values: ArrayLike, *columns: int, dtype: type[np.generic] = np.float32) -> NDArray[Any]:
     """Return a copy of a field's values: (N, one of ``columns``), or (N,) if ``columns`` is 1.
 
-    Raises:
-        ValueError: the values have another shape, or are not numbers (integers for an integer ``dtype``).
+    Raises ValueError for another shape, or values that are not numbers (integers for an integer ``dtype``).
     """
     rows = f"{columns[0]} to {columns[-1]}" if len(columns) > 2 else " or ".join(map(str, columns))
     wanted = f"{name} must have {'numbers' if columns == (1,) else f'rows of {rows}'}"

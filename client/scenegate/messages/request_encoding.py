@@ -3,8 +3,6 @@
 docs/tree-viewer-binary.md defines the MessagePack format. ``viewer`` uses both functions.
 """
 
-from __future__ import annotations
-
 import math
 import struct
 from dataclasses import dataclass
@@ -35,14 +33,10 @@ class Response:
 
 
 def encode_request(body: dict[str, Any], utime: int, message_format: str) -> bytearray:
-    """Return a request as LCM message.
+    """Return a request, the protocol's JSON object with NumPy arrays in place of long lists, as LCM message.
 
     The body is encoded directly behind the header, because copying a large body takes longer than encoding it.
-
-    Args:
-        body: request as the protocol's JSON object, with NumPy arrays in place of long lists.
-        utime: time of the request in microseconds since 1970.
-        message_format: ``wire.JSON`` or ``wire.BINARY``.
+    ``utime``: microseconds since 1970. ``message_format``: ``wire.JSON`` or ``wire.BINARY``.
     """
     body_start = len(wire.header(0, utime, message_format))
     buffer = bytearray(body_start)

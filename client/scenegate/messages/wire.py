@@ -3,8 +3,6 @@
 ``drake.lcmt_viewer2_comms`` has the same fields and therefore the same fingerprint: LCM hashes fields, not type names.
 """
 
-from __future__ import annotations
-
 import struct
 from typing import Final
 
@@ -59,8 +57,7 @@ class Comms(msgspec.Struct, frozen=True, gc=False):
 def decode(message: bytes | memoryview) -> Comms:
     """Decode an LCM message. Bytes after its end are ignored, as in LCM.
 
-    Raises:
-        WireError: the fingerprint or the header is invalid, so no response is possible.
+    Raises WireError if the fingerprint or the header is invalid, so no response is possible.
     """
     view = memoryview(message)
     size = len(view)

@@ -1,7 +1,5 @@
 """Convert the image sets of the camera's stream to values."""
 
-from __future__ import annotations
-
 from collections import defaultdict
 from typing import Any
 
@@ -22,21 +20,15 @@ class CameraConverter:
     """Converts the sets of a stream. It remembers the baseline, which only sets with disparity have."""
 
     def __init__(self, baseline: float | None = None, *, cloud: bool = True) -> None:
-        """
-        Args:
-            baseline: metres; None: unknown.
-            cloud: compute points.
-        """
+        """``baseline``: metres; None: unknown. ``cloud``: compute points."""
         self._baseline = baseline
         self._has_cloud = cloud
 
     def convert(self, image_set: pb.ImageSet) -> list[ExposureImages]:
         """Return the images of a set and the values computed from them, grouped by the time of exposure.
 
-        The right image is left out until a set with disparity was converted, which has the baseline.
-
-        Raises:
-            BadImageError: an image is invalid.
+        The right image is left out until a set with disparity was converted, which has the baseline. Raises
+        BadImageError.
         """
         left = image_set.left if image_set.HasField("left") else None
         fields_by_time: defaultdict[int, dict[str, Any]] = defaultdict(lambda: {"images": {}})

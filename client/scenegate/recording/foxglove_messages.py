@@ -3,8 +3,6 @@
 ``ros2_messages`` has the same functions: ``topics.Profile`` calls one of both modules.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable, Mapping
 from functools import cache
 from importlib import import_module

@@ -1,7 +1,5 @@
 """Write MCAP files: chunked, indexed, a new one when one is full, and readable after the process was killed."""
 
-from __future__ import annotations
-
 from collections import deque
 from dataclasses import dataclass
 from pathlib import Path
@@ -38,15 +36,10 @@ class McapFiles:
     """Writes messages to a file, and to further ones when that is full."""
 
     def __init__(self, path: Path, profile: str, *, max_bytes: int = 0, keep: int = 0) -> None:
-        """
-        Args:
-            path: first file, which is replaced if it exists. The next one is ``NAME_1.mcap``.
-            profile: profile of the files: ``ros2``, or empty.
-            max_bytes: size after which a new file begins; 0: never.
-            keep: number of files that are kept, the newest ones; 0: all.
+        """Replace a file; the next one is ``NAME_1.mcap``. ``profile``: ``ros2``, or empty. Raises OSError.
 
-        Raises:
-            OSError: the file cannot be written.
+        ``max_bytes``: size after which a new file begins; 0: never. ``keep``: number of newest files that are kept; 0:
+        all.
         """
         self._path = path
         self._profile = profile
@@ -72,12 +65,7 @@ class McapFiles:
         return self.bytes + self._file.tell()
 
     def write(self, message: EncodedMessage, log_time_ns: int, publish_time_ns: int) -> None:
-        """Write a message.
-
-        Args:
-            log_time_ns: time of recording, nanoseconds since the epoch.
-            publish_time_ns: time of the message.
-        """
+        """Write a message with the times of recording and of the message, nanoseconds since the epoch."""
         channel = self._channels.get(message.topic)
         if channel is None:
             schema = message.schema
@@ -96,11 +84,7 @@ class McapFiles:
         self._writer.flush()
 
     def next_file(self) -> None:
-        """Finish the file and begin the next one.
-
-        Raises:
-            OSError: a file cannot be written, or the oldest one not removed.
-        """
+        """Finish the file and begin the next one. Raises OSError for either, or the oldest file."""
         self.close()
         self._open()
         while self._keep and len(self.paths) > self._keep:

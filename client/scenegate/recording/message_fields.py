@@ -1,7 +1,5 @@
 """Fields that Foxglove's messages and those of ROS 2 have in common, as dicts, nested as the messages are."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import Any, Final, NamedTuple
 
@@ -66,9 +64,7 @@ def image(value: CameraImage) -> Fields:
 def packed_points(cloud: Cloud, channels: tuple[int, int, int], alpha: int) -> NDArray[np.void]:
     """Return the points of a cloud as records: float32 x, y, z, and four bytes if the cloud has colours.
 
-    Args:
-        channels: channels of the colours in the first three bytes.
-        alpha: fourth byte.
+    The first three bytes are these channels of the colours, the fourth is ``alpha``.
     """
     columns: list[tuple[str, str, tuple[int, ...]]] = [("points", "<f4", (3,))]
     if cloud.colors is not None:

@@ -3,8 +3,6 @@
 A ``view_frame`` is a binary WebSocket message of ``/view/ws``; a ``frame_id`` names a coordinate frame.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -116,12 +114,8 @@ def node_geometry(
 ) -> NodeGeometry:
     """Return the geometry of a node, without draws whose mesh is not received yet or whose matrix is not finite.
 
-    Args:
-        frame_id: name of the node's coordinate frame.
-        draws: the node's draws as the view sends them: JSON objects with mesh id, matrix and material.
-        meshes: meshes by id.
-        stretch: (3, 3), from the node to its coordinate frame.
-        alpha: factor of the opacity.
+    ``frame_id``: its coordinate frame, to which ``stretch``, (3, 3), leads. ``draws``: JSON objects of the view with
+    mesh id, matrix and material. ``alpha``: factor of the opacity.
     """
     primitives: list[Primitive] = []
     clouds: list[Cloud] = []

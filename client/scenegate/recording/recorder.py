@@ -1,7 +1,5 @@
 """Record received values to MCAP files."""
 
-from __future__ import annotations
-
 import queue
 import threading
 import time
@@ -71,16 +69,9 @@ class SceneWriter:
         return [*self._mirror.warnings.values(), *self._profile.clouds.warnings]
 
     def write(self, value: ViewFrame | pb.ImageSet, log_time_ns: int, *, is_first: bool = False) -> None:
-        """Write a received value.
+        """Write a received frame of the view or image set, nanoseconds since the epoch.
 
-        Args:
-            value: frame of the view, image set or sample.
-            log_time_ns: nanoseconds since the epoch.
-            is_first: True for the first value of a connection.
-
-        Raises:
-            ViewFrameError, BadImageError: the value is invalid.
-            OSError: a file cannot be written.
+        ``is_first``: it is the first of a connection. Raises ViewFrameError, BadImageError or OSError.
         """
         if is_first and isinstance(value, ViewFrame):
             self._mirror.reconnect()
@@ -135,14 +126,9 @@ def record(
 ) -> SceneWriter:
     """Record until ``stop`` is set. The file is opened when the first value arrives, and complete also after an error.
 
-    Args:
-        report: called with the writer after each value, and then at least every ``POLL_SECONDS``.
-
-    Raises:
-        GatewayError, StreamFailure: a source cannot be reached at first, or nothing was received.
-        ViewFrameError, BadImageError: a source has sent something invalid.
-        ImportError: packages of the profile are not installed.
-        OSError: a file cannot be written, or a certificate not read.
+    ``report`` is called with the writer after each value, and at least every ``POLL_SECONDS``. Raises GatewayError or
+    StreamFailure if a source cannot be reached at first, or nothing was received; ViewFrameError or BadImageError;
+    ImportError without the profile's packages; OSError for a file.
     """
     profile = Profile(options.profile)
     received: queue.Queue[Received | Exception] = queue.Queue(QUEUED_ITEMS)
@@ -172,8 +158,7 @@ def record(
 def _received(received: queue.Queue[Received | Exception], stop: threading.Event) -> Iterator[Received | None]:
     """Yield what is received until ``stop`` is set, and None whenever ``POLL_SECONDS`` have passed without.
 
-    Raises:
-        Exception: that of a source that cannot be reached.
+    Raises the exception of a source that cannot be reached.
     """
     while not stop.is_set():
         try:

@@ -3,8 +3,6 @@
 ``encode`` encodes them as CDR with mcap-ros2-support, as rosbag2 writes them.
 """
 
-from __future__ import annotations
-
 import re
 from collections.abc import Callable, Iterable, Mapping
 from functools import cache

@@ -102,12 +102,7 @@ class SceneMirror:
     def apply(self, view_frame: ViewFrame, now_ns: int) -> SceneChange | None:
         """Apply a frame of the view; return the change of the scene, None if nothing can be seen of it yet.
 
-        Args:
-            view_frame: frame of the view.
-            now_ns: time of a change that has none of its own, nanoseconds since the epoch.
-
-        Raises:
-            ViewFrameError: the frame is invalid.
+        ``now_ns``: time of a change that has none of its own, nanoseconds since the epoch. Raises ViewFrameError.
         """
         header = view_frame.header
         try:
@@ -233,8 +228,7 @@ class SceneMirror:
     ) -> tuple[list[Entity], list[Cloud]]:
         """Return the geometry of nodes that has changed.
 
-        Args:
-            removed_by_frame: removed nodes by ``frame_id``; those that have been added again are taken out.
+        ``removed_by_frame``: removed nodes by ``frame_id``; those that have been added again are taken out.
         """
         entities: list[Entity] = []
         clouds: list[Cloud] = []

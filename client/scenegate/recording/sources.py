@@ -3,8 +3,6 @@
 Their servers skip what a slow client has no time for, so nothing else is bounded.
 """
 
-from __future__ import annotations
-
 import asyncio
 import logging
 import queue
@@ -46,12 +44,7 @@ Receive = Callable[[], Iterator[ViewFrame | pb.ImageSet]]
 
 
 def start_receiving(name: str, receive: Receive, received: queue.Queue[Received | Exception]) -> None:
-    """Start a thread that puts what an iterator yields into a queue. After an error it begins again, if it has yielded.
-
-    Args:
-        name: name of the thread.
-        receive: returns the iterator.
-    """
+    """Start a thread that queues what an iterator yields. After an error it begins again if it has yielded."""
     threading.Thread(target=_receive, args=(receive, received), name=name, daemon=True).start()
 
 
@@ -74,15 +67,9 @@ def _receive(receive: Receive, received: queue.Queue[Received | Exception]) -> N
 
 
 def scene_frames(address: str, credentials: Credentials) -> Iterator[ViewFrame]:
-    """Yield the frames of a gateway's view.
+    """Yield the frames of a gateway's view, ``http://HOST:PORT``. Raises ViewFrameError, or OSError for a certificate.
 
-    Args:
-        address: of the gateway's HTTP port, ``http://HOST:PORT``.
-
-    Raises:
-        GatewayError: the gateway does not respond, or has closed the connection.
-        ViewFrameError: the gateway has sent something invalid.
-        OSError: a certificate cannot be read.
+    Raises GatewayError if the gateway does not respond, or has closed the connection.
     """
     host, port, path, context = parse_address(address, credentials)
     host = f"[{host}]" if ":" in host else host

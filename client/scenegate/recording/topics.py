@@ -3,8 +3,6 @@
 The formats are Foxglove's schemas and ROS 2's messages; both have the same topics.
 """
 
-from __future__ import annotations
-
 import re
 import threading
 from collections.abc import Callable, Iterator
@@ -42,10 +40,7 @@ class CloudTopics:
     """Topics of the scene's point clouds. Thread-safe."""
 
     def __init__(self, warn: Callable[[str], object] = lambda text: None) -> None:
-        """
-        Args:
-            warn: called with the first sentence of ``warnings``.
-        """
+        """``warn`` is called with the first sentence of ``warnings``."""
         self._lock = threading.Lock()
         self._topics: dict[str, str] = {}
         """Topics by frame. ``_lock`` guards it."""
@@ -91,13 +86,7 @@ class Profile:
     """Converts values to encoded messages, with ``foxglove_messages`` or ``ros2_messages``."""
 
     def __init__(self, name: ProfileName, warn: Callable[[str], object] = lambda text: None) -> None:
-        """
-        Args:
-            warn: called with a sentence about point clouds that are left out.
-
-        Raises:
-            ImportError: packages of the profile are not installed.
-        """
+        """``warn`` gets a sentence about point clouds that are left out. Raises ImportError without the packages."""
         self.mcap_profile = "ros2" if name == "ros2" else ""
         """Profile in the header of MCAP files."""
         self.clouds = CloudTopics(warn)

@@ -3,8 +3,6 @@
 Those with arrays in them cannot be compared (``eq=False``).
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Final, Literal

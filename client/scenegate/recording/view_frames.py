@@ -4,8 +4,6 @@ A frame is a JSON header and arrays; ``gateway.adapters.viewer.frames`` writes i
 the page (``ControlFolder.add_joint_sliders``), which are in frames of controls.
 """
 
-from __future__ import annotations
-
 import struct
 from collections import Counter
 from typing import Any, Final
@@ -29,10 +27,7 @@ class ViewFrame:
     """A frame that was received."""
 
     def __init__(self, data: bytes) -> None:
-        """
-        Raises:
-            ViewFrameError: it has no valid prefix or header, or ends within its header.
-        """
+        """Raises ViewFrameError if there is no valid prefix or header, or the frame ends within its header."""
         magic, header_bytes = _PREFIX.unpack_from(data) if len(data) >= _PREFIX.size else (None, 0)
         if magic != MAGIC:
             raise ViewFrameError("not a frame of Scenegate's view: it does not start with SGV1")
@@ -46,13 +41,9 @@ class ViewFrame:
         self._body = memoryview(data)[end:]
 
     def array(self, reference: Any, dtype: DTypeLike) -> NDArray[Any]:
-        """Return an array of the body, (N,), read-only.
+        """Return an array of the body, (N,), read-only. Raises ViewFrameError if it is not within the body.
 
-        Args:
-            reference: ``[offset, count]`` of the header: bytes from the start of the body, number of values.
-
-        Raises:
-            ViewFrameError: the array is not within the body.
+        ``reference``: ``[offset, count]`` of the header: bytes from the start of the body, number of values.
         """
         try:
             offset, count = (int(number) for number in reference)
@@ -80,8 +71,7 @@ class Joints:
     def apply(self, header: dict[str, Any]) -> bool:
         """Apply the header of a frame of controls; return True if it changes joints.
 
-        Raises:
-            KeyError, TypeError, ValueError: the header is invalid.
+        Raises KeyError, TypeError or ValueError if the header is invalid.
         """
         controls = header.get("controls")
         if controls is not None:

@@ -3,8 +3,6 @@
 Functions append sentences about what is left out or repaired to the list ``warnings``.
 """
 
-from __future__ import annotations
-
 from scenegate.robots.robot import Joint as Joint
 from scenegate.robots.robot import Robot as Robot
 from scenegate.robots.robot_errors import RobotFileError as RobotFileError

@@ -1,7 +1,5 @@
 """Joint values as users write them on a command line: ``elbow=1.2``, ``base=0,0,1,1,0,0,0``."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 
 from scenegate.robots.robot_errors import RobotFileError
@@ -10,8 +8,7 @@ from scenegate.robots.robot_errors import RobotFileError
 def parse_joints(texts: Iterable[str]) -> dict[str, tuple[float, ...]]:
     """Return the values by joint name, from texts such as ``elbow=1.2``.
 
-    Raises:
-        RobotFileError: A text is not ``name=number`` or ``name=number,number,…``, or a name appears twice.
+    Raises RobotFileError if a text is not ``name=number`` or ``name=number,number,…``, or a name appears twice.
     """
     values: dict[str, tuple[float, ...]] = {}
     for text in texts:

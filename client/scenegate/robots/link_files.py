@@ -1,7 +1,5 @@
 """Reads the mesh and image files that the links of a URDF or SDF robot name. What cannot be read is a warning."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any, Final, TypeVar
@@ -22,11 +20,7 @@ class LinkFiles:
     """Finds, reads and parses files, each name once."""
 
     def __init__(self, files: RobotFiles, warnings: list[str], parse_errors: tuple[type[Exception], ...] = ()) -> None:
-        """
-        Args:
-            parse_errors: Errors of ``parse`` and ``decode`` for files that cannot be read, besides RobotFileError and
-                OSError.
-        """
+        """``parse_errors``: those of ``parse`` and ``decode`` for bad files, besides RobotFileError and OSError."""
         self._files = files
         self._warnings = warnings
         self._errors: tuple[type[Exception], ...] = (RobotFileError, OSError, *parse_errors)

@@ -1,7 +1,5 @@
 """Converts the geometry of a URDF or SDF robot to geometry of the tree viewer's protocol."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Final, Literal
@@ -22,10 +20,7 @@ class LinkGeometries:
     """Converts geometry. Mesh and image files are sent as they are, with the files that meshes refer to."""
 
     def __init__(self, files: RobotFiles, warnings: list[str], gltf_up: Literal["y", "z"]) -> None:
-        """
-        Args:
-            gltf_up: Up axis of glTF meshes. Those that Drake merged are Z up in any case.
-        """
+        """``gltf_up``: up axis of glTF meshes. Those that Drake merged are Z up in any case."""
         self._files = files
         self._link_files = LinkFiles(files, warnings)
         self._warnings = warnings

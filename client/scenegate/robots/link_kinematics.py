@@ -1,7 +1,5 @@
 """Forward kinematics of a tree of links and joints."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 
 import numpy as np
@@ -16,10 +14,7 @@ class LinkKinematics:
     """Forward kinematics of a tree of joints."""
 
     def __init__(self, model: LinkModel) -> None:
-        """
-        Raises:
-            RobotFileError: A link has two parents, or joints form a cycle.
-        """
+        """Raises RobotFileError if a link has two parents, or joints form a cycle."""
         links = [link.name for link in model.links]
         ordered = _parents_first(links, model.joints)
         self._X_rest = np.array([model.X_robot_root.get(name, IDENTITY) for name in links])
@@ -77,14 +72,10 @@ def _rotations(axes: NDArray[np.float64], angles: NDArray[np.float64]) -> NDArra
 
 
 def _planar(normal: NDArray[np.float64], value: Sequence[float]) -> NDArray[np.float64]:
-    """Return the motion of a planar joint, (4, 4): a translation in the plane, and a rotation about its normal.
+    """Return the motion of a planar joint, (4, 4): a translation in the plane, and a rotation about its unit normal.
 
     As in Drake and MuJoCo, the plane's axes are x and y turned by the shortest rotation from z to the normal. For -z,
-    that is half a turn about x.
-
-    Args:
-        normal: (3,) unit vector.
-        value: x and y in metres, angle in radians.
+    that is half a turn about x. ``value``: x and y in metres, angle in radians.
     """
     x, y, angle = value
     n_x, n_y, n_z = normal.tolist()

@@ -1,7 +1,5 @@
 """Content of a URDF or SDF file as dataclasses, which ``urdf`` and ``sdf`` create."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import TypeAlias

@@ -1,7 +1,5 @@
 """A robot: links with geometry, joints, and the poses of the links for joint values."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from typing import Final, Generic, Literal, Protocol, TypeAlias, TypeVar
@@ -105,14 +103,10 @@ class Robot(Generic[PartType]):
     is first."""
 
     def joint_values(self, values: Mapping[str, JointValue]) -> dict[str, tuple[float, ...]]:
-        """Return the values of all joints.
+        """Return the values of all joints. The others follow the joint that they mimic, or have their defaults.
 
-        Args:
-            values: Values by joint name. Other joints follow the joint that they mimic, or have their defaults.
-
-        Raises:
-            RobotFileError: There is no such joint, or a value has the wrong length, a number that is not finite, or a
-                quaternion of zeros.
+        Raises RobotFileError if there is no such joint, or a value has the wrong length, a number that is not finite,
+        or a quaternion of zeros.
         """
         given = {name: self._value_of(name, value) for name, value in values.items()}
         complete = {}
@@ -124,14 +118,9 @@ class Robot(Generic[PartType]):
         return complete
 
     def link_poses(self, values: Mapping[str, JointValue]) -> NDArray[np.float64]:
-        """Return X_robot_link, (number of links, 4, 4) float64.
+        """Return X_robot_link, (number of links, 4, 4). Values as for ``joint_values``.
 
-        Args:
-            values: See ``joint_values``.
-
-        Raises:
-            RobotFileError: See ``joint_values``; or a pose is not finite, since numbers in the file or the values are
-                too large.
+        Raises RobotFileError as ``joint_values``, or if a pose is not finite, since numbers are too large.
         """
         joint_values = self.joint_values(values)
         with np.errstate(all="ignore"):

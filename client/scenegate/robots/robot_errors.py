@@ -1,7 +1,5 @@
 """The error of robot files."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 from scenegate.warning_text import joined_warnings

@@ -3,8 +3,6 @@
 Robot files are named by the user, so they may name any file that the user can read.
 """
 
-from __future__ import annotations
-
 import errno
 import hashlib
 import itertools
@@ -48,12 +46,10 @@ class RobotFiles:
         check_cancelled: Callable[[], object] = lambda: None,
         xacro_args: Mapping[str, str] | None = None,
     ) -> None:
-        """
-        Args:
-            path: The robot file, which may be a pipe.
-            roots: Folders to search for packages, and for relative file names.
-            check_cancelled: Called again and again while a pipe is read; may raise an exception to cancel it.
-            xacro_args: Values of ``$(arg name)`` by name, in the robot file and in what it includes.
+        """``path``: the robot file, which may be a pipe. ``roots``: folders of packages and relative names.
+
+        ``check_cancelled``: called again and again while a pipe is read; may raise an exception to cancel it.
+        ``xacro_args``: values of ``$(arg name)`` by name, in the robot file and in what it includes.
         """
         self._check_cancelled = check_cancelled
         self.is_pipe = is_pipe(path)
@@ -85,17 +81,11 @@ class RobotFiles:
         return data
 
     def find(self, name: str) -> Path:
-        """Return the path of a file that the robot file names.
+        """Return the path of a file that the robot file names. Raises RobotFileError if there is none.
 
-        If no file has the literal name, backslashes are read as slashes, then URL escapes (``%20``) are decoded. A
-        path of another machine, ``/…/share/NAME/rest`` or ``/…/NAME/meshes/…``, is that of a package's file;
-        at last, each of its folders is taken for the package.
-
-        Args:
-            name: File name or URL.
-
-        Raises:
-            RobotFileError: There is no such file.
+        If no file has the literal name, backslashes are read as slashes, then URL escapes (``%20``) are decoded. A path
+        of another machine, ``/…/share/NAME/rest`` or ``/…/NAME/meshes/…``, is that of a package's file; at last, each
+        of its folders is taken for the package.
         """
         scheme, rest = _split_name(name)
         missing: list[Path] = []
@@ -115,11 +105,10 @@ class RobotFiles:
         raise RobotFileError(self._not_found(name, scheme, missing))
 
     def find_model(self, uri: str, folder: Path) -> Path:
-        """Return the path of a model that an SDF file includes; raises RobotFileError if there is none.
+        """Return the path of a model that an SDF file in a folder includes; raises RobotFileError if there is none.
 
-        Args:
-            uri: File or folder. In a folder, ``model.config`` names the file; the default is ``model.sdf``.
-            folder: Folder of the file that includes it. What is not there is looked for like ``model://``.
+        ``uri``: file or folder, in which ``model.config`` names the file; the default is ``model.sdf``. What is not in
+        the folder is looked for like ``model://``.
         """
         scheme, rest = _split_name(uri)
         candidates = self._candidates(scheme or "model", rest)
@@ -146,8 +135,7 @@ class RobotFiles:
     def read(self, path: Path, max_bytes: int | None = None) -> bytes:
         """Return the bytes of a file that ``find`` returned; raises OSError, or RobotFileError beyond the limits.
 
-        Args:
-            max_bytes: Maximum size; default: that of a mesh file.
+        ``max_bytes``: default: that of a mesh file.
         """
         remaining = min(self._limits.max_mesh_bytes if max_bytes is None else max_bytes, self._remaining_bytes)
         try:
@@ -162,11 +150,9 @@ class RobotFiles:
         return data
 
     def read_beside(self, mesh: Path, name: str) -> bytes:
-        """Return the bytes of a file that a mesh file refers to; raises OSError or RobotFileError.
+        """Return the bytes of a file that a mesh file refers to by URL, or by a name as for ``referenced_path``.
 
-        Args:
-            mesh: Path of the mesh file.
-            name: URL, or a name as for ``referenced_path``.
+        Raises OSError or RobotFileError.
         """
         return self.read(self.find(name) if split_url(name)[0] else referenced_path(mesh, name))
 
@@ -212,8 +198,7 @@ class RobotFiles:
     def _not_found(self, name: str, scheme: str, missing: list[Path]) -> str:
         """Return the reason why there is no file, with a similar name or the folders that were searched if possible.
 
-        Args:
-            missing: Paths that the file could have had.
+        ``missing``: paths that the file could have had.
         """
         for candidate in missing:
             if candidate.exists() and not candidate.is_dir():
@@ -262,8 +247,7 @@ def _split_package(path: str) -> tuple[str, str]:
 def _split_path(scheme: str, path: str) -> Iterator[tuple[str, str, bool]]:
     """Yield the packages in whose folder a file of another machine may be, likely ones first.
 
-    Yields:
-        Package, path in it, and True if it is likely.
+    The tuples are package, path in it, and True if it is likely.
     """
     parts = path.replace("\\", "/").split("/")
     if scheme == "file" or (not scheme and (parts[0] in ("", "..", "~") or parts[0].endswith(":"))):

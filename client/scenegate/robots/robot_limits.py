@@ -1,7 +1,5 @@
 """Limits of robot files."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 from scenegate.robots.robot_errors import RobotFileError

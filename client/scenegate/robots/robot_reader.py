@@ -3,8 +3,6 @@
 MJCF and xacro need packages of the server's, ``scenegate[robots]``.
 """
 
-from __future__ import annotations
-
 import os
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager

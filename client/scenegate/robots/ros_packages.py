@@ -1,7 +1,5 @@
 """Finds the folders of ROS packages, for file names such as ``package://name/path``."""
 
-from __future__ import annotations
-
 import os
 import re
 import threading
@@ -44,11 +42,7 @@ class Packages:
     """
 
     def __init__(self, roots: tuple[Path, ...], clock: Callable[[], float] = time.monotonic) -> None:
-        """
-        Args:
-            roots: Folders to search, with symbolic links resolved. The search follows no links, so it stays below them.
-            clock: Returns the time in seconds.
-        """
+        """``roots``: folders to search, with links resolved. The search follows no links, so it stays below them."""
         self._roots = roots
         self._clock = clock
         self._lock = threading.Lock()

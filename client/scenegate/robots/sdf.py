@@ -4,8 +4,6 @@ Elements that are invalid are left out or get a default, with a warning. Links o
 ``model::link``. All models become one robot.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from itertools import islice
 from pathlib import Path
@@ -76,13 +74,9 @@ class _Scope:
 def parse_sdf(
     root: Element, files: RobotFiles, use: GeometryUse, limits: RobotFileLimits, warnings: list[str]
 ) -> LinkModel:
-    """Return the content of an SDF document.
+    """Return the content of an SDF document; geometry of the other use is not read.
 
-    Args:
-        use: Geometry to return; the other one is not read.
-
-    Raises:
-        RobotFileError: There are no links, or a limit is exceeded.
+    Raises RobotFileError if there are no links, or a limit is exceeded.
     """
     return _SdfReader(files, use, limits, warnings).read(root)
 
@@ -161,8 +155,7 @@ class _SdfReader:
     def _add_urdf(self, robot: Element, scope: _Scope, name: str, include: Element, merge: bool) -> None:
         """Add an included URDF file. Its model frame is that of its first link without a parent.
 
-        Raises:
-            RobotFileError: It has no tree of links, or a name that there is already.
+        Raises RobotFileError if it has no tree of links, or a name that there is already.
         """
         inner, frame = self._place(robot, scope, name, include, merge)
         model = parse_urdf(robot, self._use, self._limits, self._warnings)
@@ -195,12 +188,10 @@ class _SdfReader:
     def _place(
         self, model: Element, scope: _Scope, name: str, placed: Element | None, merge: bool
     ) -> tuple[_Scope, Frame]:
-        """Return the scope of a model and its frame, attached to nothing so far.
+        """Return the scope of a model with a name, and its frame, attached to nothing so far.
 
-        Args:
-            name: Its name in the scope.
-            placed: The ``<include>`` whose pose and placement frame override the model's.
-            merge: True: names in the model do not start with the model's name.
+        ``placed``: the ``<include>`` whose pose and placement frame override the model's. ``merge``: names in the model
+        do not start with the model's name.
         """
         full_name = scope.full_name(name or f"model_{len(self._links)}")
         frame = f"{full_name}{_SEPARATOR}__merged__" if merge else full_name

@@ -1,7 +1,5 @@
 """Poses of an SDF document: http://sdformat.org/tutorials?tut=pose_frame_semantics_proposal."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Final
 

@@ -1,7 +1,5 @@
 """Parses the visual or collision geometry of SDF links."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import replace
 from typing import Final
@@ -51,8 +49,7 @@ def read_geometries(
 ) -> tuple[LinkGeometry, ...]:
     """Return the geometries of a link. Those without a shape that can be drawn are left out with a warning.
 
-    Args:
-        X_link: Function that returns X_link_frame, (4, 4), for the name of a frame of the model.
+    ``X_link`` returns X_link_frame, (4, 4), for the name of a frame of the model.
     """
     geometries = []
     for element, where in named_elements(link, use, f"link {name!r}, {use}"):

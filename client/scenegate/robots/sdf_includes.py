@@ -1,7 +1,5 @@
 """Models that an SDF document includes: SDF and URDF files, and two models that come with Gazebo."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 from typing import Final
@@ -28,13 +26,9 @@ _GAZEBO_MODELS: Final = {
 def read_included(
     uri: str, folder: Path, files: RobotFiles, limits: RobotFileLimits, warnings: list[str]
 ) -> tuple[Element, Path]:
-    """Return the root element of an included file, and the folder of the file.
+    """Return the root element of an included file, and its folder, given the folder of the file that includes it.
 
-    Args:
-        folder: Folder of the file that includes it.
-
-    Raises:
-        RobotFileError, OSError: There is no such file, or it cannot be read.
+    Raises RobotFileError or OSError if there is no such file, or it cannot be read.
     """
     try:
         path = files.find_model(uri, folder)

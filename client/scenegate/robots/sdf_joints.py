@@ -1,7 +1,5 @@
 """Limits and thread pitch of SDF joints."""
 
-from __future__ import annotations
-
 import math
 
 from scenegate.robots.xml_text import Element, attribute, children_as_attributes, numbers

@@ -1,7 +1,5 @@
 """Parses what URDF and SDF have in common: shapes, also those of Drake, colours, joint types, axes, mimic rules."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping
 from typing import Final

@@ -3,8 +3,6 @@
 Elements and attributes that are invalid are left out or get a default, with a warning.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator
 from typing import Final
@@ -43,13 +41,9 @@ Drake's, ``spherical`` is PyBullet's."""
 
 
 def parse_urdf(root: Element, use: GeometryUse, limits: RobotFileLimits, warnings: list[str]) -> LinkModel:
-    """Return the content of a URDF document.
+    """Return the content of a URDF document; geometry of the other use is not read.
 
-    Args:
-        use: Geometry to return; the other one is not read.
-
-    Raises:
-        RobotFileError: There are no links, or a limit is exceeded.
+    Raises RobotFileError if there are no links, or a limit is exceeded.
     """
     for element in root.iter():
         for name, text in element.items():

@@ -1,7 +1,5 @@
 """Arguments of xacro: ``$(arg name)`` in a robot file, whose values the user gives."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Iterable, Mapping
 from typing import Final, TypeAlias
@@ -20,8 +18,7 @@ _FIND: Final = re.compile(r"(?:file://)?\$\(find ([^()$]+)\)")
 def parse_xacro_args(texts: Iterable[str]) -> dict[str, str]:
     """Return the values by name, from texts such as ``dof:=7``, as on the command line of xacro.
 
-    Raises:
-        RobotFileError: A text is not ``name:=value``, or a name appears twice.
+    Raises RobotFileError if a text is not ``name:=value``, or a name appears twice.
     """
     values: dict[str, str] = {}
     for text in texts:
@@ -49,9 +46,8 @@ def missing_arg(name: str) -> str:
 def expand_args(root: Element, args: Mapping[str, str], used: set[str], warnings: list[str]) -> None:
     """Replace ``$(arg name)`` and ``$(find package)`` in a document without elements of xacro.
 
-    Args:
-        args: Values by name. Others are the defaults of elements ``<arg name default>``.
-        used: Names of the document's arguments are added.
+    Others than ``args`` are the defaults of elements ``<arg name default>``. Names of its arguments are added to
+    ``used``.
     """
     values = {attribute(arg, "name"): attribute(arg, "default") for arg in root.iter("arg") if "default" in arg.attrib}
     values |= args

@@ -4,8 +4,6 @@ In all functions, ``where`` is the start of a warning: the link or joint of the 
 the list ``warnings``.
 """
 
-from __future__ import annotations
-
 import codecs
 import math
 from collections.abc import Iterator, Sequence
@@ -28,10 +26,8 @@ def parse_xml(data: bytes, max_elements: int, warnings: list[str]) -> Element:
     """Return the root element. Tags and attributes keep their prefixes, which need no declaration: ``drake:capsule``.
 
     As in ROS, Drake and MuJoCo, some invalid XML is accepted: white space before the XML declaration; with a warning,
-    other text in comments and Latin-1 in place of UTF-8.
-
-    Raises:
-        RobotFileError: The data is not XML, declares entities, or has more elements or levels than allowed.
+    other text in comments and Latin-1 in place of UTF-8. Raises RobotFileError if the data is not XML, declares
+    entities, or has more elements or levels than allowed.
     """
     if not data.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
         data = data.strip(b" \t\r\n\0")
@@ -130,10 +126,7 @@ def attribute(element: Element | None, name: str) -> str:
 def numbers(
     element: Element | None, name: str, default: tuple[float, ...], where: str, warnings: list[str]
 ) -> tuple[float, ...]:
-    """Return as many finite numbers as the default has; the default if the attribute is missing or invalid.
-
-    An invalid attribute adds a warning.
-    """
+    """Return finite numbers, as many as the default; it if the attribute is missing or, with a warning, invalid."""
     if element is None or name not in element.attrib:
         return default
     try:
@@ -145,12 +138,9 @@ def numbers(
 
 
 def required_numbers(element: Element, name: str, count: int, where: str, warnings: list[str]) -> tuple[float, ...]:
-    """Return the first ``count`` numbers of an attribute, which are finite.
+    """Return the first ``count`` numbers of an attribute, which are finite; raises InvalidAttributeError.
 
     Commas are read as spaces. Commas and surplus numbers add a warning.
-
-    Raises:
-        InvalidAttributeError: The attribute is missing or has fewer numbers.
     """
     if name not in element.attrib:
         raise InvalidAttributeError(f"<{element.tag}> has no {name}")

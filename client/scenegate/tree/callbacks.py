@@ -1,7 +1,5 @@
 """Callbacks for messages of the page, and the threads that run them and repeat the subscriptions."""
 
-from __future__ import annotations
-
 import contextlib
 import inspect
 import logging
@@ -101,8 +99,7 @@ class ClickListener:
     def add(self, path: Path, callback: Callback) -> Callable[[], None]:
         """Add a callback for clicks at and below a path; return the function that removes it.
 
-        Raises:
-            TypeError: the callback is a coroutine function, or cannot be called.
+        Raises TypeError if it is a coroutine function, or cannot be called.
         """
         check_callback(callback, "on_click")
         entry = (path, callback)

@@ -1,7 +1,5 @@
 """Connection of the tree viewer client to an LCM network. The event loop of a thread of its own sends and receives."""
 
-from __future__ import annotations
-
 import asyncio
 import contextlib
 import threading
@@ -25,9 +23,7 @@ class LcmConnection:
     def __init__(self, url: str | None, handlers: Mapping[str, Callable[[bytes], None]], timeout: float) -> None:
         """Connect, and start the receiving thread, which calls the handler of a channel with each message.
 
-        Raises:
-            ConnectionError: no hub listens, or there is no route.
-            ValueError: the URL is no text, or the timeout is not positive.
+        Raises ConnectionError without hub or route, ValueError if the URL is no text, or the timeout not positive.
         """
         if url is not None and not isinstance(url, str):
             raise ValueError(f"url must be an LCM URL such as 'tcpq://127.0.0.1:7700', not {url!r}")
@@ -56,11 +52,7 @@ class LcmConnection:
     def publish(self, channel: str, message: bytes | bytearray, failed: OnFailure = lambda error: None) -> None:
         """Send a message. Waits up to the timeout while there is no connection, but not until the message is sent.
 
-        Args:
-            failed: called by the receiving thread if the message cannot be sent.
-
-        Raises:
-            ConnectionError: no connection within the timeout.
+        The receiving thread calls ``failed`` if it cannot be sent. Raises ConnectionError after the timeout.
         """
         if threading.current_thread() is self._thread:
             self._send(channel, message, failed)

@@ -1,7 +1,5 @@
 """Sliders of a robot's joints in the page. ``ControlFolder.add_joint_sliders`` makes them."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping
 from functools import partial

@@ -1,7 +1,5 @@
 """The scene in a notebook: Jupyter, VS Code, Colab. They show objects by ``_repr_html_`` and ``_repr_png_``."""
 
-from __future__ import annotations
-
 import html
 import os
 import sys

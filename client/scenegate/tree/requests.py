@@ -1,7 +1,5 @@
 """Sends requests of one client to a viewer, and receives their responses."""
 
-from __future__ import annotations
-
 import os
 import secrets
 import threading
@@ -49,9 +47,8 @@ class Requests:
     ) -> None:
         """Connect to the LCM network; see ``TreeViewer`` for the first three arguments and for errors.
 
-        Args:
-            on_message: called by the receiving thread with announcements, and messages of the page.
-            on_request: called with the body and the ``utime`` of each request before it is sent.
+        The receiving thread calls ``on_message`` with announcements, and messages of the page. ``on_request`` is called
+        with the body and the ``utime`` of each request before it is sent.
         """
         self.timeout = timeout
         self._negotiates_format = binary is None
@@ -69,15 +66,10 @@ class Requests:
         self.connection = LcmConnection(url, handlers, timeout)
 
     def send(self, body: dict[str, Any], encoded: Callable[[], None] = lambda: None) -> Response:
-        """Send a request in the negotiated format, and return the response.
+        """Send a request in the negotiated format, and return the response; ``encoded`` is called before it is sent.
 
-        Args:
-            encoded: called before a request is sent; not if it cannot be encoded.
-
-        Raises:
-            ValueError: it exceeds ``MAX_REQUEST_BYTES``, or has a text that is not Unicode.
-            TimeoutError: there was no response in time.
-            ConnectionError: the connection is closed, or lost for longer than the timeout.
+        Raises ValueError if it exceeds ``MAX_REQUEST_BYTES``, or has a text that is not Unicode; TimeoutError;
+        ConnectionError if the connection is closed, or lost for longer than the timeout.
         """
         if self.message_format is None:  # called before the wait for a viewer
             _encode(body, 0, wire.BINARY)

@@ -1,7 +1,5 @@
 """Parts of arrows and coordinate axes. Arrows share unit meshes: when they change, browsers get only matrices."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import Final
 
@@ -18,13 +16,9 @@ SIDES: Final = 12
 
 
 def rotations_from_z(directions: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return rotations that turn +z to directions, by Duff et al., Building an Orthonormal Basis, Revisited (2017).
+    """Return rotations, (N, 3, 3), that turn +z to directions, (N, 3), not zero.
 
-    Args:
-        directions: (N, 3), not zero.
-
-    Returns:
-        (N, 3, 3) float64.
+    By Duff et al., Building an Orthonormal Basis, Revisited (2017).
     """
     x, y, z = (directions / np.sqrt((directions * directions).sum(axis=1, keepdims=True))).T
     sign = np.copysign(1.0, z)

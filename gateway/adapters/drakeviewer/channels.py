@@ -1,7 +1,5 @@
 """Channels of Drake's visualizer, by their names."""
 
-from __future__ import annotations
-
 from enum import Enum
 from typing import Final, NamedTuple
 

@@ -1,7 +1,5 @@
 """Limits of Drake's visualizer channels, with their reasons."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 from scenegate.lcm.transport import MIB

@@ -3,8 +3,6 @@
 Thresholds, scales, radius and colours are Drake's.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import Final
 
@@ -45,11 +43,8 @@ FLAME_STOPS: Final = np.linspace(0.0, 1.0, 5)
 def read_contacts(contacts: Contacts, warnings: list[str]) -> dict[Path, tuple[Part, ...]]:
     """Return the arrows and surfaces of a message, by path in the live tree: a path has all contacts of two bodies.
 
-    A surface without a force or moment to show is left out.
-
-    Args:
-        warnings: list to which a sentence is added for arrows that are not finite, and for contact surfaces that cannot
-            be shown completely. Their arrows are.
+    A surface without a force or moment is left out. A warning is added for arrows that are not finite, and for surfaces
+    that cannot be shown completely.
     """
     parts: dict[Path, list[Part]] = {}
     colors = [POINT_COLOR] * len(contacts.points)
@@ -85,13 +80,9 @@ def _arrows(
     *,
     centred: bool,
 ) -> list[tuple[Part, ...]]:
-    """Return the parts of N arrows; none for vectors that are too small or not finite.
+    """Return the parts of N arrows; none for vectors that are too small, or not finite, which a warning counts.
 
-    Args:
-        origins, vectors: (N, 3).
-        per_metre: norm of a vector for an arrow of 1 m, (N,) or one for all.
-        colors: N colours.
-        warnings: list to which the number of arrows that are not finite is added.
+    ``per_metre``: norm of a vector for an arrow of 1 m, (N,) or one for all.
     """
     parts_by_arrow: list[tuple[Part, ...]] = [()] * len(vectors)
     if not parts_by_arrow:
@@ -137,13 +128,9 @@ def flame_colors(pressure: NDArray[np.float64]) -> NDArray[np.float32]:
 
 
 def triangles_of(polygons: NDArray[np.int32]) -> NDArray[np.int32]:
-    """Return the triangles of convex polygons, (M, 3) indices of vertices: fans around the first vertex of each.
+    """Return the triangles of convex polygons, (M, 3): fans around the first vertex of each.
 
-    Args:
-        polygons: (N,), for each polygon its number of vertices, then their indices.
-
-    Raises:
-        MessageError: A polygon is cut off.
+    ``polygons``, (N,): the number of vertices of each, then their indices. Raises MessageError if one is cut off.
     """
     counts: list[int] = []
     numbers, position = polygons.tolist(), 0

@@ -1,7 +1,5 @@
 """Frames of the channels ``DRAKE_DRAW_FRAMES*``, each drawn as three axes."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 from functools import lru_cache
 from typing import Final
@@ -36,11 +34,7 @@ class FrameChannel:
     """Path of each frame in ``names``."""
 
     def paths_of(self, names: LinkNames, limits: Limits) -> list[Path]:
-        """Return the path of each frame in a message.
-
-        Raises:
-            MessageError: A name has too many elements.
-        """
+        """Return the path of each frame in a message. Raises MessageError if a name has too many elements."""
         if names == self.names:
             return self._paths
         paths = link_paths(names.keys, limits)

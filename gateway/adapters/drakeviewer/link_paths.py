@@ -1,7 +1,5 @@
 """Converts names of links to paths in the live tree, relative to their family's node."""
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Iterable
 from typing import Final
@@ -19,11 +17,7 @@ not be above another one's."""
 
 
 def split_name(name: str, limits: Limits) -> Path:
-    """Return the elements of a scoped name; ``("",)`` if it has none.
-
-    Raises:
-        MessageError: The name has too many elements.
-    """
+    """Return the elements of a scoped name, ``("",)`` if it has none. Raises MessageError if it has too many."""
     elements = tuple(element for element in name.split(SEPARATOR) if element) or ("",)
     if len(elements) > limits.name_elements:
         raise MessageError(f"the name {quoted(name)} has {len(elements)} elements, the limit is {limits.name_elements}")
@@ -31,12 +25,9 @@ def split_name(name: str, limits: Limits) -> Path:
 
 
 def link_paths(links: Iterable[LinkKey], limits: Limits) -> dict[LinkKey, Path]:
-    """Return a path for each link. No path is above another one.
+    """Return a path for each link, none above another one. Raises MessageError if a name has too many elements.
 
     Links of different models that have the same name get the model's index in parentheses, as Drake writes it.
-
-    Raises:
-        MessageError: A name has too many elements.
     """
     keys = list(dict.fromkeys(links))
     uses = Counter(name for _, name in keys)

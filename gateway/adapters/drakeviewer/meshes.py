@@ -1,7 +1,5 @@
 """Triangle meshes in Drake's messages: as numbers (``float_data``), or as files in JSON (``InMemoryMesh``)."""
 
-from __future__ import annotations
-
 from typing import Annotated, Any, Final
 
 import msgspec
@@ -21,14 +19,9 @@ MAX_NAME_CHARS: Final = 4096
 
 
 def surface_of(numbers: NDArray[np.float32], limits: Limits, warnings: list[str]) -> Surface | None:
-    """Return the mesh in a geometry's ``float_data``; None without drawable triangles.
+    """Return the mesh in a geometry's ``float_data``: V, T, coordinates of V vertices, indices of T triangles.
 
-    Args:
-        numbers: (2 + 3 V + 3 T,) float32: V, T, coordinates of V vertices, vertex indices of T triangles.
-        warnings: see ``drawable_triangles``.
-
-    Raises:
-        MessageError: The numbers are not a mesh, or beyond a limit.
+    None without drawable triangles. Raises MessageError if the numbers are not a mesh, or beyond a limit.
     """
     vertex_count, triangle_count = _count(numbers, 0), _count(numbers, 1)
     if vertex_count > limits.vertices or triangle_count > limits.triangles:
@@ -51,15 +44,9 @@ def surface_of(numbers: NDArray[np.float32], limits: Limits, warnings: list[str]
 def drawable_triangles(
     positions: NDArray[np.float32], indices: NDArray[np.integer], warnings: list[str]
 ) -> NDArray[np.uint32]:
-    """Return the triangles whose vertices are finite, (M, 3) uint32. The other vertices become 0.
+    """Return the triangles whose vertices are finite, (M, 3) uint32. The other vertices become 0, with a warning.
 
-    Args:
-        positions: (V, 3) metres, changed in place.
-        indices: (T, 3).
-        warnings: list to which the number of vertices that are not finite is added.
-
-    Raises:
-        MessageError: An index is not below V.
+    Raises MessageError if an index is not below the number of vertices.
     """
     if indices.size and not (indices.min() >= 0 and indices.max() < len(positions)):
         raise MessageError(f"a triangle has the vertices {indices.min()} to {indices.max()} of {len(positions)}")
@@ -92,12 +79,7 @@ class FileSource(msgspec.Struct):
     """File name for error messages."""
 
     def data(self, files: MeshFiles) -> bytes:
-        """Return the file's bytes.
-
-        Raises:
-            MeshFileError: The file is not below a folder that is open to clients, or cannot be read.
-            MessageError: The contents are not base64.
-        """
+        """Return the file's bytes. Raises MeshFileError if it cannot be read, MessageError if it is not base64."""
         if self.path is not None:
             return files.read(self.path)
         try:
@@ -125,16 +107,9 @@ _decoder: Any = msgspec.json.Decoder(MeshText)
 def memory_mesh(
     text: str, scale: tuple[float, float, float], files: MeshFiles, warnings: list[str]
 ) -> tuple[Part, ...]:
-    """Return the parts of a mesh in JSON, scaled along x, y, z.
+    """Return the parts of a mesh in JSON, the ``string_data`` of a geometry, scaled along x, y, z.
 
-    Args:
-        text: ``string_data`` of the geometry.
-        files: Parses the mesh, and reads the supporting files that are given by name.
-        warnings: Sentences about content that is not shown are appended to this list.
-
-    Raises:
-        MessageError: The JSON is not a mesh.
-        MeshFileError: The mesh cannot be parsed.
+    Raises MessageError if the JSON is not a mesh, MeshFileError if the mesh cannot be parsed.
     """
     try:
         mesh: InMemoryMesh = _decoder.decode(text).in_memory_mesh

@@ -1,7 +1,5 @@
 """Drake's LCM messages as values. ``wire`` decodes them; ``lcmtypes/lcmt_*.lcm`` defines them."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from enum import IntEnum
 from typing import Final

@@ -1,7 +1,5 @@
 """Point clouds of the channels ``DRAKE_POINT_CLOUD*``."""
 
-from __future__ import annotations
-
 from types import MappingProxyType
 from typing import Final
 
@@ -20,13 +18,9 @@ _DTYPES: Final = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4",
 
 
 def read_cloud(cloud: Cloud, warnings: list[str]) -> tuple[Part, ...]:
-    """Return the points that can be drawn, with their colours (the field ``rgb``) if there are any.
+    """Return the points that can be drawn, with the colours of the field ``rgb``, or a warning if they cannot be read.
 
-    Args:
-        warnings: list to which the reason is added if the colours cannot be read.
-
-    Raises:
-        MessageError: The cloud has no x, y or z, or its data is too short.
+    Raises MessageError if the cloud has no x, y or z, or its data is too short.
     """
     fields = {field.name: field for field in cloud.fields}
     if not cloud.width * cloud.height:

@@ -1,7 +1,5 @@
 """Links of rigid bodies, from the load and draw messages of one family."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -45,13 +43,9 @@ class LoadedRobots:
 
 
 def read_robots(links: tuple[Link, ...], family: str, files: MeshFiles, limits: Limits) -> LoadedRobots:
-    """Read the links of a load message. This opens the mesh files.
+    """Read the links of a load message, and the mesh files. Raises MessageError if a name has too many elements.
 
-    Args:
-        family: family of the channel; links of Drake's ``InertiaVisualizer`` belong to ``INERTIA``.
-
-    Raises:
-        MessageError: A name has too many elements.
+    ``family``: family of the channel; links of Drake's ``InertiaVisualizer`` belong to ``INERTIA``.
     """
     warnings: list[str] = []
     trees: dict[str, TreeEdit] = {family: TreeEdit(Node())}

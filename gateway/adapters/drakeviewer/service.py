@@ -4,8 +4,6 @@ A group is a family of channels, or a channel without a family. While a thread r
 group wait in a queue, which keeps only the newest of each channel.
 """
 
-from __future__ import annotations
-
 import asyncio
 from dataclasses import asdict
 from typing import Any, Final
@@ -42,11 +40,7 @@ class DrakeViewerService:
         config: DrakeViewerConfig | None = None,
         local_files: MeshFiles | None = None,
     ) -> None:
-        """
-        Args:
-            files: mesh files that all senders may name.
-            local_files: mesh files that programs on this machine may name; None: ``files``.
-        """
+        """``local_files``: mesh files that programs on this machine may name; None: ``files``, which all may name."""
         self._config = config or DrakeViewerConfig()
         self._files, self._local_files = files, local_files or files
         self.viewer = DrakeViewer(live, files, self._config)
@@ -111,10 +105,7 @@ class DrakeViewerService:
             await self._pool.close(0.0)
 
     def receive(self, message: LcmMessage) -> None:
-        """Show a message: a small one at once, others after the worker thread has read them.
-
-        Must be called on the event loop.
-        """
+        """Show a message, on the event loop: a small one at once, others after the worker thread has read them."""
         if not self.ready:
             return
         channel, nbytes = channel_of(message.channel), len(message.data)

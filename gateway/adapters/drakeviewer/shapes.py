@@ -1,7 +1,5 @@
 """Read the geometries of links, and deformable bodies, as parts of the scene."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Iterable
 from typing import Final
@@ -27,11 +25,7 @@ from scenegate.messages.geometry import Box, Capsule, Cylinder, Ellipsoid, Spher
 def read_geometries(
     geometries: Iterable[Geometry], files: MeshFiles, limits: Limits, warnings: list[str]
 ) -> tuple[Part, ...]:
-    """Return the parts of a link's geometries, in the link's frame.
-
-    Args:
-        warnings: list to which the reason is added if a geometry cannot be shown completely.
-    """
+    """Return the parts of a link's geometries, in its frame. Each that is not shown completely adds a warning."""
     parts: list[Part] = []
     for geometry in geometries:
         try:
@@ -42,15 +36,9 @@ def read_geometries(
 
 
 def read_deformables(link: Link, family: Path, limits: Limits, warnings: list[str]) -> dict[Path, tuple[Part, ...]]:
-    """Return the bodies of a message by path in the live tree. A body without drawable triangles has no parts.
+    """Return the bodies of a message, its geometries, by path in the live tree; without drawable triangles, no parts.
 
-    Args:
-        link: the message; each of its geometries is a body.
-        family: path of the family of the channel.
-        warnings: list to which the reason is added if a body cannot be shown completely.
-
-    Raises:
-        MessageError: A name is beyond a limit.
+    A warning is added for each that is not shown completely. Raises MessageError if a name is beyond a limit.
     """
     bodies: dict[Path, tuple[Part, ...]] = {}
     _, link_name = link.key

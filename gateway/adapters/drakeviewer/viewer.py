@@ -113,11 +113,7 @@ class DrakeViewer:
         config: DrakeViewerConfig | None = None,
         state: DrakeState | None = None,
     ) -> None:
-        """
-        Args:
-            files: Reads mesh files that all senders may name.
-            state: State of the viewer that has edited the tree before; None: there was none.
-        """
+        """``files``: those that all senders may name. ``state``: that of a viewer that has edited the tree before."""
         self._live = live
         self._files = files
         self._config = config or DrakeViewerConfig()
@@ -127,8 +123,7 @@ class DrakeViewer:
     def handle(self, channel_name: str, message: wire.Message) -> Sequence[str]:
         """Read a message and apply it at once, unless its channel is not shown; see ``ShowMessage`` for the result.
 
-        Raises:
-            MessageError: The message is damaged, of another type, or beyond a limit.
+        Raises MessageError if it is damaged, of another type, or beyond a limit.
         """
         channel = channel_of(channel_name)
         return () if channel is None else self.apply(self.read(channel, message))
@@ -143,11 +138,8 @@ class DrakeViewer:
     def read(self, channel: Channel, message: wire.Message, files: MeshFiles | None = None) -> ShowMessage | None:
         """Read a message; return the function that shows it, None if it changes nothing.
 
-        Args:
-            files: mesh files that the sender may name; None: those that all senders may name.
-
-        Raises:
-            MessageError: The message is damaged, of another type, or beyond a limit.
+        ``files``: mesh files that the sender may name; None: those that all may name. Raises MessageError as
+        ``handle``.
         """
         match channel.kind:
             case Kind.LOAD:
@@ -283,11 +275,7 @@ class DrakeViewer:
                 state.node_counts.pop(channel.name, None)
 
     def _reserve_nodes(self, source: str, paths: Iterable[Path]) -> None:
-        """Count the nodes of a family's links, or of a channel, in place of its earlier ones.
-
-        Raises:
-            MessageError: There are too many nodes of all channels together.
-        """
+        """Count the nodes of a family's links, or of a channel, in place of its earlier ones. Raises MessageError."""
         counts, max_nodes = self.state.node_counts, self._config.nodes
         count = count_nodes(paths)
         total = sum(counts.values()) - counts.get(source, 0) + count

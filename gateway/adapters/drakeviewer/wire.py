@@ -1,7 +1,5 @@
 """Decode Drake's LCM messages: big-endian, with the fingerprint first. Definitions: ``lcmtypes/lcmt_*.lcm``."""
 
-from __future__ import annotations
-
 import struct
 from typing import Final
 
@@ -44,19 +42,12 @@ _MAX_CLOUD_FIELDS: Final = 64
 
 
 class Reader:
-    """Reads fields of a message in their order.
-
-    All methods raise MessageError if the message ends too early, or a number is beyond its limit.
-    """
+    """Reads fields of a message in their order. All methods raise MessageError at its end or beyond a limit."""
 
     __slots__ = ("_limits", "_view", "offset")
 
     def __init__(self, message: Message, fingerprint: int, name: str, limits: Limits) -> None:
-        """
-        Args:
-            message: the message, which must start with ``fingerprint``.
-            name: name of its LCM type, for errors.
-        """
+        """``fingerprint``: start of the message. ``name``: name of its LCM type, for errors."""
         self._view = memoryview(message)
         self.offset = 8
         """Bytes before the next field."""
@@ -121,11 +112,7 @@ class Reader:
 
 
 def decode_load_robot(message: Message, limits: Limits) -> tuple[Link, ...]:
-    """Return the links of a ``lcmt_viewer_load_robot``.
-
-    Raises:
-        MessageError: The message is damaged or beyond a limit. This holds for all decoders.
-    """
+    """Return the links of a ``lcmt_viewer_load_robot``. Decoders raise MessageError for damage and beyond limits."""
     reader = Reader(message, LOAD_ROBOT, "lcmt_viewer_load_robot", limits)
     links = tuple(reader.link() for _ in range(reader.count("num_links", limits.links)))
     geometries = sum(len(link.geometries) for link in links)
@@ -140,11 +127,9 @@ def decode_link_data(message: Message, limits: Limits) -> Link:
 
 
 def decode_draw(message: Message, limits: Limits, known: LinkNames | None = None) -> Draw:
-    """Return a ``lcmt_viewer_draw``.
+    """Return a ``lcmt_viewer_draw``, with the object ``known`` in place of equal names.
 
-    Args:
-        known: names of an earlier message. If this message repeats them, the result has this object, and they are not
-            decoded again: decoding them takes most of the time.
+    Decoding the names takes most of the time.
     """
     reader = Reader(message, DRAW, "lcmt_viewer_draw", limits)
     milliseconds = reader.integer(8)

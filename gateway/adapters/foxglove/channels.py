@@ -1,7 +1,5 @@
 """The WebSocket server of foxglove-sdk with its channels and their subscribers."""
 
-from __future__ import annotations
-
 import logging
 import threading
 from collections.abc import Callable, Iterable, Mapping
@@ -37,10 +35,8 @@ class Channels(ServerListener):
     """A server with channels. Thread-safe."""
 
     def __init__(self, on_subscription: Callable[[str], None], parameters: Callable[[], Mapping[str, Any]]) -> None:
-        """
-        Args:
-            on_subscription: called in a thread of the server with a topic when a subscription begins or ends.
-            parameters: returns the values of all parameters by name; called in a thread of the server.
+        """Both functions are called in threads of the server: ``on_subscription`` with a topic when a subscription
+        begins or ends, ``parameters`` to get the values of all parameters by name.
         """
         self._on_subscription = on_subscription
         self._parameters = parameters
@@ -55,14 +51,7 @@ class Channels(ServerListener):
         self._server: WebSocketServer | None = None
 
     def start(self, host: str, port: int) -> int:
-        """Listen, and return the port.
-
-        Args:
-            port: 0 for a free one.
-
-        Raises:
-            OSError: the port is taken.
-        """
+        """Listen, and return the port; 0: a free one. Raises OSError if it is taken."""
         for name in ("foxglove.websocket", "foxglove.runtime", "tungstenite"):
             logger = logging.getLogger(name)
             logger.handlers[:], logger.propagate = [_sdk_log], False
@@ -129,11 +118,7 @@ class Channels(ServerListener):
             channel.close()
 
     def send(self, message: EncodedMessage, time_ns: int, clients: Iterable[int] | None = None) -> None:
-        """Queue a message for clients; None: for all subscribers of its topic.
-
-        Args:
-            time_ns: nanoseconds since the epoch.
-        """
+        """Queue a message, ``time_ns`` since the epoch, for clients; None: for all subscribers of its topic."""
         with self._lock:
             channel = self._channels[message.topic]
             ids = list(self._subscribers.get(message.topic, ()) if clients is None else clients)

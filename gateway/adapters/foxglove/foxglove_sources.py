@@ -1,7 +1,5 @@
 """Types of what other interfaces provide to Foxglove's clients. ``gateway.wiring`` passes them."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from contextlib import AbstractContextManager
 from typing import Any, Protocol
@@ -24,10 +22,8 @@ class ImageSets(Protocol):
     """A subscription to image sets."""
 
     async def get(self) -> bytes:
-        """Wait for the next set, and return it as the bytes of an ``ImageSet`` of the camera's gRPC interface.
-
-        Raises:
-            RuntimeError: the camera gives no more sets; the message is the reason.
+        """Wait for the next set of the gRPC interface; return it encoded. Raises RuntimeError, with the reason, at the
+        end.
         """
 
 
@@ -42,8 +38,4 @@ class CameraSource(Protocol):
         """Return the camera's parameters, ``node.name``."""
 
     def subscribe(self, left: bool, right: bool, disparity: bool) -> AbstractContextManager[ImageSets]:
-        """Return a subscription to sets of these images for the duration of the block.
-
-        Raises:
-            RuntimeError: the camera gives no sets; the message is the reason.
-        """
+        """Return a subscription for the duration of the block. Raises RuntimeError, with the reason, without sets."""

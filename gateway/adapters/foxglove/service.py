@@ -1,7 +1,5 @@
 """Sends the live scene and the stereo camera's images to Foxglove's clients: only what they subscribe to is made."""
 
-from __future__ import annotations
-
 import asyncio
 from collections.abc import Coroutine, Iterable, Mapping
 from contextlib import suppress
@@ -51,10 +49,7 @@ class FoxgloveService:
     """Serves Foxglove's protocol on a port of this machine."""
 
     def __init__(self, port: int, tree: LiveTree, scene_frames: NewSceneFrames, camera: CameraSource | None) -> None:
-        """
-        Args:
-            port: 0 for a free one.
-        """
+        """Create a service; ``run`` starts it. Port 0: a free one."""
         self.port = port
         """The actual port while the service is ready."""
         self.ready = False
@@ -74,11 +69,7 @@ class FoxgloveService:
         return {"port": self.port, "clients": self._channels.clients, "topics": sorted(self._channels.topics)}
 
     async def run(self) -> None:
-        """Serve until cancelled.
-
-        Raises:
-            OSError: the port is taken.
-        """
+        """Serve until cancelled. Raises OSError if the port is taken."""
         self._loop = asyncio.get_running_loop()
         for topic, schema in schemas().items():
             if self._camera is not None or topic in (TF_TOPIC, SCENE_TOPIC):
@@ -174,11 +165,7 @@ class _SceneFeed:
         """Time from which the whole scene is sent again, on the loop's clock; None before the first time."""
 
     async def send(self, snapshot: Snapshot, new_subscribers: Mapping[str, Iterable[int]]) -> None:
-        """Send changes to all clients, and the whole scene to new subscribers.
-
-        Args:
-            new_subscribers: ids of clients by topic.
-        """
+        """Send changes to all clients, and the whole scene to new subscribers (ids of clients by topic)."""
         frames = await self._frames.advance(snapshot)
         now = asyncio.get_running_loop().time()
         repeat = self._repetition is not None and now >= self._repetition

@@ -1,7 +1,5 @@
 """Limits of the HTTP interface to the live scene, and defaults of its query parameters."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 
 from gateway.scene.draw.style import Style

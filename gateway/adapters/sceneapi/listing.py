@@ -1,7 +1,5 @@
 """Makes the JSON of ``GET /scene``."""
 
-from __future__ import annotations
-
 import msgspec
 import numpy as np
 from numpy.typing import NDArray
@@ -51,12 +49,9 @@ class Listing(msgspec.Struct):
 def list_scene(
     snapshot: Snapshot, draw_list: DrawList, instance_boxes: list[Bounds | None], labels: LabelTable, max_nodes: int
 ) -> bytes:
-    """Return the JSON of a snapshot.
+    """Return the JSON of a snapshot, with at most ``max_nodes`` nodes, at least 1.
 
-    Args:
-        draw_list: The snapshot's draw list, with labels from ``labels``.
-        instance_boxes: World bounds of the draw list's instances.
-        max_nodes: Maximum number of nodes in the result, at least 1.
+    The draw list is the snapshot's, with labels from ``labels``; the boxes are the world bounds of its instances.
     """
     index_by_path: dict[Path, int] = {}
     nodes: list[ListedNode] = []

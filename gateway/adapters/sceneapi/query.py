@@ -1,7 +1,5 @@
 """Query parameters of ``/scene``, ``/scene.glb`` and ``/scene/render``."""
 
-from __future__ import annotations
-
 from typing import Any, Literal, Self
 
 from fastapi import Query

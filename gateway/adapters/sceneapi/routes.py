@@ -1,7 +1,5 @@
 """``GET /scene``, ``GET /scene.glb`` and ``GET /scene/render``."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from typing import Annotated, ClassVar, Final
 
@@ -120,9 +118,7 @@ async def _respond(
 ) -> Response:
     """Return the result of ``make``.
 
-    Args:
-        revision: Revision of the scene, if the result depends only on the scene: clients may cache it then, and get
-            status 304 if they have it.
+    ``revision``: that of the scene, if the result depends on nothing else: clients that have it get status 304.
     """
     if revision is not None:
         etag = service.etag(revision)

@@ -1,7 +1,5 @@
 """Makes the listing, the glTF file and the images of the live scene, for ``routes``."""
 
-from __future__ import annotations
-
 import threading
 import uuid
 from dataclasses import dataclass, replace
@@ -86,15 +84,9 @@ class SceneApi:
         return SceneResponse(body, "application/json", snapshot.revision)
 
     def file(self, query: FileQuery | None = None, snapshot: Snapshot | None = None) -> SceneResponse:
-        """Return the response of ``GET /scene.glb``.
+        """Return the response of ``GET /scene.glb``. Without a query the file has no camera; None: the newest snapshot.
 
-        Args:
-            query: The camera to write into the file; None: the file has no camera.
-            snapshot: The scene; None: the newest.
-
-        Raises:
-            FileTooLargeError: The file would be too large.
-            CameraError: The camera cannot be resolved in the scene.
+        Raises FileTooLargeError, or CameraError if the camera cannot be resolved in the scene.
         """
         snapshot = snapshot or self.scene.tree.snapshot
         camera = None
@@ -105,15 +97,9 @@ class SceneApi:
         return SceneResponse(body, "model/gltf-binary", snapshot.revision)
 
     def image(self, query: ImageQuery, snapshot: Snapshot | None = None) -> SceneResponse:
-        """Return the response of ``GET /scene/render``.
+        """Return the response of ``GET /scene/render``. None: the newest snapshot.
 
-        Args:
-            snapshot: The scene; None: the newest.
-
-        Raises:
-            RequestValidationError: The image would be too large.
-            CameraError: The camera cannot be resolved in the scene.
-            ImageError: A texture of the scene cannot be decoded.
+        Raises RequestValidationError if the image would be too large, CameraError, or ImageError of a texture.
         """
         snapshot = with_visibility(snapshot or self.scene.tree.snapshot, query.hidden, query.shown)
         draw_list = self.scene.draw_list(snapshot)

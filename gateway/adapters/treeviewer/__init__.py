@@ -3,8 +3,8 @@
 ``service`` starts the transports and the hub (``gateway.runtime.lcm``). A request from them passes through the files in
 this order:
 
-- ``dispatch``: handles small regular requests at once and others in a worker thread. ``queues`` keeps the order of each
-  client's requests.
+- ``dispatch``: refuses a request, or passes it on. ``queues`` keeps the order of each client's requests. ``executor``
+  reads and applies small requests on the event loop, others with a worker thread.
 - ``protocol``: the protocol without I/O. ``wire`` decodes the message.
 - ``request_reader``: turns the data in the message, JSON or MessagePack, into a ``requests.Request``. The table in
   ``commands`` says how each command is read, ``regular_commands`` has the types of frequent ones, which msgspec reads;

@@ -1,7 +1,5 @@
 """Execute a request: ``RequestApplier`` on the live tree, ``update_page`` on the state of the browser pages."""
 
-from __future__ import annotations
-
 from collections import deque
 from collections.abc import Callable, Hashable, Iterator, Sequence
 from dataclasses import dataclass
@@ -163,8 +161,7 @@ class PageClient:
 def update_page(page: LivePage, request: Request, client: PageClient | None, utime: int) -> None:
     """Execute a request's commands for the page; add a failure to the request for each that cannot be executed.
 
-    Args:
-        client: the sender; None if it cannot receive messages of the page.
+    ``client``: the sender; None if it cannot receive messages of the page.
     """
     if request.view is not None:
         page.change_view(request.view)

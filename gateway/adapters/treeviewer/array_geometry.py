@@ -3,8 +3,6 @@
 "Drawable" means finite and within ``MAX_DISTANCE``.
 """
 
-from __future__ import annotations
-
 from types import MappingProxyType
 from typing import Any, Final
 

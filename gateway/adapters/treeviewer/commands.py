@@ -4,8 +4,6 @@ Lists of regular transforms and solids are typed objects, which ``regular_comman
 plain values. Other viewers ignore the commands that Director does not have; a response lists those of its request.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -33,11 +31,9 @@ _SAMPLE_COLUMNS: Final = tuple(range(2, 2 + MAX_SERIES))
 def read_commands(name: str, value: Any, request: Request, context: ReadContext) -> None:
     """Add the commands of one name to the request, and their failures and warnings.
 
-    ``{}`` counts as an empty list, and null commands are skipped. An object with a path counts as a list of one
-    command, because an example in the protocol's document has that form.
-
-    Args:
-        value: the decoded list of commands; for a ``single`` command the command itself.
+    ``value`` is the decoded list; of a ``single`` command, the command. ``{}`` counts as an empty list, and null
+    commands are skipped. An object with a path counts as a list of one command: an example in the protocol's document
+    is one.
     """
     command = COMMANDS[name]
     if command.needs_thread:

@@ -1,7 +1,5 @@
 """Settings of the tree viewer, and its limits with their reasons. ``gateway.wiring`` fills them from the options."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 
 from gateway.runtime.lcm.config import LcmConfig

@@ -1,7 +1,5 @@
 """State of one request while it is read, and the readers of arrays, images and text in it."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 from typing import Any, Protocol
 
@@ -25,8 +23,7 @@ class MeshLoader(Protocol):
     def load(self, filename: str, scale: tuple[float, float, float], warnings: list[str]) -> tuple[Part, ...]:
         """Return the parts of a mesh file, scaled along x, y, z. Append warnings about its content.
 
-        Raises:
-            ValueError: the file cannot be loaded; the attribute ``missing`` is True if it does not exist.
+        Raises ValueError if it cannot be loaded; the attribute ``missing`` is True if it does not exist.
         """
         ...
 

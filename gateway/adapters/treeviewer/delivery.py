@@ -5,8 +5,6 @@ Director's Python client publishes a request and then clears its queue of comman
 clearing, they are lost. Such responses are therefore delayed by a few milliseconds.
 """
 
-from __future__ import annotations
-
 import asyncio
 from collections import deque
 from collections.abc import Callable
@@ -90,11 +88,9 @@ class DurableStore(Protocol):
         """True if too many responses wait for the storage to apply further requests."""
 
     def call_when_stored(self, done: Callable[[str], None], size: int) -> None:
-        """Call ``done`` on the event loop when all edits so far are stored, or storing them has failed.
+        """Call ``done`` on the event loop when all edits so far are stored: with an empty string, or why not.
 
-        Args:
-            done: called with the reason of a failure, or an empty string.
-            size: bytes of memory that the waiting response takes.
+        ``size``: bytes of memory that the waiting response takes.
         """
 
 

@@ -1,7 +1,5 @@
 """Pass messages from the transports on: requests are refused, executed at once or queued; others have listeners."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import asdict
 from typing import Final
@@ -37,11 +35,7 @@ class Dispatcher:
         store: DurableStore | None = None,
         listeners: Sequence[ChannelListener] = (),
     ) -> None:
-        """
-        Args:
-            store: storage of the tree; None: responses do not wait for storage.
-            listeners: receive the messages of other channels.
-        """
+        """``store``: storage of the tree; None: responses do not wait. ``listeners``: receivers of other channels."""
         self._config, self._store, self._listeners = config, store, tuple(listeners)
         self._closing = False
         self.counters = Counters()
@@ -54,10 +48,8 @@ class Dispatcher:
     def receive(self, publish: Publish, message: LcmMessage, sender: HubConnection | None = None) -> None:
         """Handle a request at once, or put it into the client's queue. Pass another message to its listeners.
 
-        Args:
-            publish: sends the response.
-            message: a viewer2_comms_t, or a message of a listener.
-            sender: connection that is paused while many of its requests wait; None: the network cannot pause clients.
+        ``publish`` sends the response. ``sender`` is a connection that is paused while many of its requests wait; None:
+        the network cannot pause clients.
         """
         if not message.channel.startswith(REQUEST):
             for listener in self._listeners:

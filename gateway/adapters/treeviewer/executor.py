@@ -39,11 +39,7 @@ class RequestExecutor:
         counters: Counters,
         page_client: Callable[[Recipient], PageClient],
     ) -> None:
-        """
-        Args:
-            pool: its threads read requests that the event loop does not.
-            page_client: returns the client behind a recipient.
-        """
+        """``pool`` reads what the event loop does not. ``page_client`` returns the client behind a recipient."""
         self._protocol, self._config, self._pool = protocol, config, pool
         self._counters, self._page_client = counters, page_client
         self._apply_lock = asyncio.Lock()

@@ -3,8 +3,6 @@
 Irregular values that known clients of Director send are accepted.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from typing import Any, Final, cast
 

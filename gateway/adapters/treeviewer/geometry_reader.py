@@ -4,8 +4,6 @@ The classes of ``scenegate.messages`` define types and fields. A solid is a shap
 ``array_geometry``, ``image_geometry`` and ``mesh_file_geometry`` make parts of the others.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from typing import Any, Final
 
@@ -26,8 +24,7 @@ from scenegate.messages.mesh_file import MeshFile
 def read_parts(command: Mapping[str, Any], context: ReadContext) -> tuple[Part, ...]:
     """Return the parts of a setgeometry command. ``geometry`` overrides ``geometries``, as in Director.
 
-    Raises:
-        CommandError: a field is missing or invalid.
+    Raises CommandError if a field is missing or invalid.
     """
     single = command.get("geometry")
     if single is not None:
@@ -50,9 +47,7 @@ def read_parts(command: Mapping[str, Any], context: ReadContext) -> tuple[Part, 
 def read_geometry(params: Any, context: ReadContext, name: str = "geometry") -> tuple[Part, ...]:
     """Return the parts of one geometry: several for a mesh file, none if nothing can be drawn, otherwise one.
 
-    Args:
-        params: the geometry as decoded.
-        name: name of the geometry in the command, for error texts.
+    ``name``: name of the geometry in the command, for error texts.
     """
     if not isinstance(params, dict):
         raise CommandError(f"{name} must be an object, not {show(params)}")

@@ -2,8 +2,6 @@
 meshes with textures or vertex colours. ``geometry_reader`` calls these functions.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 from typing import Any, Final
 

@@ -4,8 +4,6 @@ Every image becomes an encoded file: an array becomes a PNG file. Equal files sh
 to check that it can be drawn.
 """
 
-from __future__ import annotations
-
 import binascii
 from dataclasses import dataclass
 from typing import Any, Final
@@ -48,11 +46,7 @@ _cached_properties: Final[WeakCache[Image, tuple[int, int, bool]]] = WeakCache("
 
 
 def read_image(value: Any, name: str, limits: Limits) -> CheckedImage:
-    """Return the image in the field ``name``.
-
-    Raises:
-        CommandError: the image cannot be decoded, or exceeds a limit.
-    """
+    """Return the image in the field ``name``. Raises CommandError if it cannot be decoded, or exceeds a limit."""
     try:
         if isinstance(value, PackedArray):
             data = png_rgba(_rgba(value.pixels(limits.image_pixels)))
@@ -68,11 +62,7 @@ def read_image(value: Any, name: str, limits: Limits) -> CheckedImage:
 
 
 def check_image(data: bytes, max_pixels: int) -> CheckedImage:
-    """Return the image in an encoded file. The first call for a file decodes it.
-
-    Raises:
-        ImageError: the file cannot be decoded, or has too many pixels.
-    """
+    """Return the image in an encoded file, which the first call decodes. Raises ImageError if it cannot."""
     image = image_from_bytes(data, max_pixels=max_pixels)
     properties = _cached_properties.get(image)
     if properties is None:

@@ -81,18 +81,12 @@ def find_arrays(text: NDArray[np.uint8], max_arrays: int, min_numbers: int) -> l
 
 
 def read_numbers(text: NDArray[np.uint8], begin: int, end: int, count: int) -> tuple[NDArray[np.float64], int]:
-    """Parse the numbers of one array in JSON text.
+    """Parse the ``count`` numbers of the array at ``begin`` to before ``end`` in JSON text, (N,) uint8.
 
     ``null`` is NaN. Numbers of up to 15 digits, the last between 10^-22 and 10^22, are exact. Other numbers are off by
     at most a few units in the last place of float64.
 
-    Args:
-        text: (N,) uint8.
-        begin, end: first byte of the array, and the byte after its last.
-        count: number of numbers in the array.
-
-    Returns:
-        (count,) float64 in the order of the text, and the position of the first byte that is not valid JSON or -1.
+    Returns the numbers, and the position of the first byte that is not valid JSON or -1.
     """
     numbers = np.empty(count, np.float64)
     powers_at, numbers_at = address_of(_POWERS_OF_TEN, np.float64), address_of(numbers, np.float64)
@@ -284,9 +278,7 @@ def _decimal_at(data: Pointer[U8], i: I64) -> tuple[U64, I64, I64]:
 def _digits_at(data: Pointer[U8], i: I64, mantissa: U64, mantissa_digits: I64) -> tuple[U64, I64, I64, I64]:
     """Append the digits from a position on to a mantissa, as far as it has room.
 
-    Returns:
-        The mantissa, its digits without leading zeros, the number of digits that had no room, and the position after
-        all digits.
+    Returns the mantissa, its digits without leading zeros, those that had no room, and the position after all digits.
     """
     skipped_digits = 0
     while ZERO <= data[i] <= NINE:

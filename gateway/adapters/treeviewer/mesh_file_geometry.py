@@ -1,7 +1,5 @@
 """Read the geometry type ``mesh_file``: a file that the viewer opens, or the content of one."""
 
-from __future__ import annotations
-
 from pathlib import PurePosixPath
 from typing import Any
 

@@ -54,14 +54,10 @@ _FORMATS: Final = _describe_formats()
 
 
 def count_values(message: NDArray[np.uint8], limit: int) -> int:
-    """Return the number of values in a message, or any number above ``limit`` if there are more.
+    """Return the number of values in a message, (N,) uint8, or any number above ``limit`` if there are more.
 
-    Arrays, maps, and the keys and values in them count one each. A binary or extension of any length counts as one
-    value. The result is TRUNCATED, UNUSED_BYTE or TRAILING_BYTES, all negative, if the message is not MessagePack.
-
-    Args:
-        message: (N,) uint8.
-        limit: number of values at which counting may stop.
+    Arrays, maps, and the keys and values in them count one each, and so does a binary or extension of any length. The
+    result is TRUNCATED, UNUSED_BYTE or TRAILING_BYTES, all negative, if the message is not MessagePack.
     """
     count: int = _count_values(address_of(message, np.uint8), len(message), limit)
     return count

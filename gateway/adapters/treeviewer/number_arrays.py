@@ -5,8 +5,6 @@ for each of them, with a random token, which no client can guess. No field but a
 docs/tree-viewer-binary.md defines packed arrays, an extension of MessagePack.
 """
 
-from __future__ import annotations
-
 import contextlib
 import math
 import os
@@ -38,10 +36,7 @@ _HEADER: Final = struct.Struct("<2sBB")
 
 
 class ArrayError(ValueError):
-    """An array has an invalid shape or value.
-
-    The message is a sentence without its subject, the field's name (``has 2 numbers in row 7, not 3``).
-    """
+    """An array has an invalid shape or value. The message lacks its subject: ``has 2 numbers in row 7, not 3``."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -53,11 +48,7 @@ class PackedArray:
     fault: str = ""
 
     def pixels(self, max_pixels: int) -> NDArray[np.uint8]:
-        """Return an image, (H, W) or (H, W, channels) uint8, without a copy.
-
-        Raises:
-            ArrayError: not uint8, wrong shape, no pixels, or too many.
-        """
+        """Return an image, (H, W) or (H, W, channels), without a copy. Raises ArrayError if it is not one, or large."""
         values = self.values
         if values is None:
             raise ArrayError(self.fault)
@@ -123,13 +114,8 @@ class NumberArrays:
     def floats(self, value: Any, columns: tuple[int, ...], max_rows: int) -> NDArray[np.float32]:
         """Return a copy of a field's numbers as float32: (N, one of ``columns``), or (N,) for one column.
 
-        Args:
-            value: decoded field: a list, a packed array, or the value that stands for an array in the JSON text.
-            columns: numbers of columns that the field may have. An empty list gets the first.
-            max_rows: maximum number of rows.
-        Raises:
-            ArrayError: wrong shape, not numbers, or too many rows.
-            RequestError: the text of the array is not JSON.
+        ``value``: a list, a packed array, or the value that stands for an array in the JSON text. An empty list gets
+        the first of ``columns``. Raises ArrayError, or RequestError if the text of the array is not JSON.
         """
         with np.errstate(over="ignore", invalid="ignore"):
             return self._rows(value, columns, max_rows).astype(np.float32, order="C")
@@ -139,16 +125,7 @@ class NumberArrays:
         return self._rows(value, columns, max_rows).astype(np.float64, order="C")
 
     def indices(self, value: Any, count: int, max_rows: int) -> NDArray[np.uint32]:
-        """Return a field's triangles, (N, 3) uint32 indices of ``count`` vertices.
-
-        Args:
-            value: as in ``floats``.
-            count: number of vertices.
-            max_rows: maximum number of triangles.
-        Raises:
-            ArrayError: wrong shape, a value that is not an index from 0 to ``count`` - 1, or too many rows.
-            RequestError: the text of the array is not JSON.
-        """
+        """Return a field's triangles, (N, 3) indices of ``count`` vertices. Value and errors as for ``floats``."""
         values = self._rows(value, (3,), max_rows)
         valid = values < count
         if values.dtype.kind == "f":
@@ -165,15 +142,7 @@ class NumberArrays:
         return values.astype(np.uint32, order="C")
 
     def grid(self, value: Any, max_numbers: int) -> NDArray[np.float32]:
-        """Return a copy of a field's rows of numbers as float32, (R, C), whatever their length.
-
-        Args:
-            value: as in ``floats``.
-            max_numbers: maximum number of all numbers.
-        Raises:
-            ArrayError: rows of different lengths, not numbers, or too many.
-            RequestError: the text of the array is not JSON.
-        """
+        """Return a copy of a field's rows of any length as float32, (R, C). Value and errors as for ``floats``."""
         first_row = value[0] if isinstance(value, list) and value else None
         columns = len(first_row) if isinstance(first_row, list) else 2
         values = self._values(value, (columns,), max_numbers)

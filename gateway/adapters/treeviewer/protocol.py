@@ -3,8 +3,6 @@
 ``executor`` calls it; tests call ``TreeViewerProtocol.handle`` directly.
 """
 
-from __future__ import annotations
-
 import time
 from collections.abc import Callable
 
@@ -83,13 +81,8 @@ class TreeViewerProtocol:
     def read(self, comms: wire.Comms, is_local: bool = False, *, at_once: bool = False) -> RequestApplier:
         """Read a request, and return the applier that executes it.
 
-        Args:
-            is_local: True for a program on this machine, which may name files in more folders.
-            at_once: see ``ReadContext``.
-
-        Raises:
-            RequestRefused: the format is not supported, a length is wrong, or the request cannot be read.
-            ThreadRequired: see ``ReadContext.at_once``.
+        ``is_local``: the client is a program on this machine, which may name files in more folders. Raises
+        RequestRefused, or ThreadRequired (see ``ReadContext.at_once``).
         """
         supported = responses.SUPPORTED_FORMATS
         reader = self.readers.get(comms.format)
@@ -111,13 +104,10 @@ class TreeViewerProtocol:
         return RequestApplier(request, self.live, self.quota, self.limits, self.warnings)
 
     def handle(self, message: bytes | memoryview, client: PageClient | None = None) -> AnyResponse:
-        """Read and apply a request at once, and return the response.
+        """Read and apply a request, a viewer2_comms_t, at once, and return the response.
 
-        Args:
-            message: the request, a viewer2_comms_t.
-            client: the sender; None: it cannot receive messages of the page.
-        Raises:
-            wire.WireError: the message is not a viewer2_comms_t, so no response is possible.
+        ``client``: the sender; None: it cannot receive messages of the page. Raises ``wire.WireError`` for another
+        message.
         """
         comms = wire.decode(message)
         try:

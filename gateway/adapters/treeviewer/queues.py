@@ -1,7 +1,5 @@
 """Queues of requests that wait for an earlier request of their client. Other clients do not wait for it."""
 
-from __future__ import annotations
-
 import asyncio
 from collections import deque
 from collections.abc import Awaitable, Callable, Hashable
@@ -48,11 +46,8 @@ class ClientQueues:
     def __init__(
         self, handle: Callable[[ReceivedRequest], Awaitable[None]], arrivals: dict[Hashable, int], client_bytes: int
     ) -> None:
-        """
-        Args:
-            handle: handles a request. It never raises.
-            arrivals: receives the arrival of each request in a queue; see ``LiveTree.unapplied_arrivals``.
-            client_bytes: memory of a client's requests above which its connection is paused.
+        """``handle`` handles a request, and never raises. ``arrivals`` gets the arrivals of waiting requests; see
+        ``LiveTree.unapplied_arrivals``. A client whose requests take more than ``client_bytes`` is paused.
         """
         self._handle = handle
         self._arrivals = arrivals

@@ -3,8 +3,6 @@
 ``apply`` checks each command before it edits the tree.
 """
 
-from __future__ import annotations
-
 import math
 import threading
 import time
@@ -93,14 +91,8 @@ class TreeQuota:
     def admit(self, root: Node, node_count: int, path: Path, parts: Sequence[Part] = ()) -> str:
         """Count what a command adds to the tree: geometries, and their arrays, images and labels until they are freed.
 
-        Args:
-            root: the tree that is edited.
-            node_count: number of its nodes, with those that others have added to the live tree since the edit began.
-            path: path of the command. Nodes on it that do not exist count as well.
-            parts: geometries that the command adds.
-
-        Returns:
-            The reason why the command exceeds a limit and must not be executed; or an empty string.
+        Returns the reason why it exceeds a limit and must not be executed; or an empty string. ``root`` is the edited
+        tree, ``node_count`` that of its nodes and of those that others have added since the edit began.
         """
         node_count += self.unpublished_nodes
         max_nodes = self._limits.nodes

@@ -4,8 +4,6 @@ They have transforms and solids without irregularities. Decoding fails for all o
 reads them command by command. A type here may be stricter than the protocol, but not more lenient.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from typing import Annotated, Any, Final, Union
 

@@ -6,8 +6,6 @@ every form that clients send. Long number arrays in JSON are parsed apart, by ``
 extensions that hold their bytes (docs/tree-viewer-binary.md).
 """
 
-from __future__ import annotations
-
 import json
 from abc import ABC, abstractmethod
 from collections.abc import Callable
@@ -48,11 +46,7 @@ class RequestReader(ABC):
     """Description of a request's outermost value, for error texts."""
 
     def __init__(self, make_decoder: Callable[[Any], Any], small_bytes: int, limits: Limits) -> None:
-        """
-        Args:
-            make_decoder: returns msgspec's decoder of the format for a type.
-            small_bytes: size up to which requests are decoded without ``prepare_big``.
-        """
+        """Requests of more than ``small_bytes`` are decoded after ``prepare_big``."""
         self.limits = limits
         self._small_bytes = small_bytes
         self._envelope_decoder = make_decoder(_ENVELOPE)
@@ -62,12 +56,7 @@ class RequestReader(ABC):
         self.any_decoder = make_decoder(Any)
 
     def read(self, data: memoryview, context: ReadContext) -> Request:
-        """Return the commands of a request.
-
-        Raises:
-            ThreadRequired: see ``ReadContext.at_once``.
-            RequestError: the data cannot be decoded, is not an object, or exceeds a limit.
-        """
+        """Return the commands of a request. Raises ThreadRequired (see ``ReadContext.at_once``), or RequestError."""
         prepared = data if len(data) <= self._small_bytes else self.prepare_big(data, context)
         try:
             message: Any = self._decode(prepared)
@@ -97,8 +86,7 @@ class RequestReader(ABC):
     def _decode(self, data: bytes | memoryview) -> dict[str, Any]:
         """Return the lists of commands by name: those of regular commands as typed objects, others as plain values.
 
-        Raises:
-            DECODE_ERRORS: the data cannot be decoded, or is not an object.
+        Raises DECODE_ERRORS if the data cannot be decoded, or is not an object.
         """
         envelope = self._envelope_decoder.decode(data)
         lists: dict[str, Any] = {}
@@ -145,10 +133,7 @@ class JsonReader(RequestReader):
 
 
 class UnknownExtension:
-    """Placeholder of a MessagePack extension that is not a number array.
-
-    In a field that the protocol defines it is an error; elsewhere it is ignored.
-    """
+    """Placeholder of a MessagePack extension that is not a number array: an error in fields of the protocol only."""
 
 
 class MsgpackReader(RequestReader):

@@ -1,7 +1,5 @@
 """A request as ``request_reader`` creates it and ``apply`` executes it."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
@@ -107,11 +105,7 @@ class Request(msgspec.Struct, gc=False):
             yield "setvalues", None
 
     def fail(self, failure: Finding, limits: Limits) -> None:
-        """Add a command that cannot be executed.
-
-        Raises:
-            RequestError: more commands failed than the limit.
-        """
+        """Add a command that cannot be executed. Raises RequestError if more failed than the limit."""
         self.failures.append(failure)
         if len(self.failures) > limits.failed_commands:
             first = self.failures[0]

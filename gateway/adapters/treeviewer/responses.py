@@ -1,7 +1,5 @@
 """Responses of Director's protocol, with additional fields for the reasons of failed commands."""
 
-from __future__ import annotations
-
 from typing import Final
 
 import msgspec

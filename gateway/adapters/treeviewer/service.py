@@ -1,7 +1,5 @@
 """Run the tree viewer: connect the LCM transports with the protocol. ``gateway.wiring`` creates the service."""
 
-from __future__ import annotations
-
 import asyncio
 from collections.abc import Sequence
 from functools import partial
@@ -47,11 +45,8 @@ class TreeViewerService:
     ) -> None:
         """Create the service; ``run`` starts it.
 
-        Args:
-            meshfiles: loader of mesh files; None: requests cannot load files.
-            store: storage of the tree; None: responses do not wait for storage.
-            listeners: receive other channels of the transport and the hub.
-            local_meshfiles: loader of mesh files for programs on this machine; None: ``meshfiles``.
+        ``meshfiles``: None: requests cannot load files. ``store``: None: responses do not wait. ``listeners`` receive
+        other channels. ``local_meshfiles``: for programs on this machine; None: ``meshfiles``.
         """
         self._config = config
         self.protocol = TreeViewerProtocol(
@@ -100,11 +95,7 @@ class TreeViewerService:
         return status
 
     async def run(self) -> None:
-        """Serve until cancelled.
-
-        Raises:
-            LcmUnavailableError: no transport could start.
-        """
+        """Serve until cancelled. Raises LcmUnavailableError if no transport could start."""
         try:
             await self._start()
             self._started.set()
@@ -155,10 +146,7 @@ class TreeViewerService:
         _log.warning(str(error), transport=transport)
 
     def _is_own_hub(self, url: str) -> bool:
-        """Return True if an LCM URL is that of this service's own hub.
-
-        That is the case where LCM_DEFAULT_URL directs all programs of a machine to the hub.
-        """
+        """Return True if a URL is that of this service's hub, to which LCM_DEFAULT_URL may direct all programs."""
         parts = urlsplit(url)
         try:
             port = parts.port or tcpq_transport.DEFAULT_PORT

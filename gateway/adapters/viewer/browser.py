@@ -118,9 +118,6 @@ class Browser:
         """Release the page's snapshot if its last update was sent before ``time`` and is not acknowledged.
 
         The next update is then the whole scene.
-
-        Args:
-            time: seconds of the event loop's clock.
         """
         if self.state is BrowserState.BUSY and self._update_time < time:
             self._page_snapshot = EMPTY_SNAPSHOT
@@ -137,11 +134,9 @@ class Browser:
             self.send_latest("rig", frame)
 
     def follow(self, timeline: Timeline, *, has_live: bool, rig_frame: Callable[[Snapshot], bytes]) -> None:
-        """Give the page a time bar.
+        """Give the page a time bar. ``rig_frame`` returns the frame with the stereo camera's pose in a snapshot.
 
-        Args:
-            has_live: True if the end of the timeline is the live tree.
-            rig_frame: returns the frame with the stereo camera's pose in a snapshot.
+        ``has_live``: True if the end of the timeline is the live tree.
         """
 
         def show(snapshot: Snapshot | None) -> None:

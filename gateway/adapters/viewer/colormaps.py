@@ -1,7 +1,5 @@
 """Convert depth, disparity and confidence to RGB images, and scale images down, for the images of the browser view."""
 
-from __future__ import annotations
-
 from typing import Any, Final
 
 import cv2
@@ -16,14 +14,9 @@ _DISPARITY_PERCENTILES: Final = (1.0, 99.0)
 
 
 def depth_to_rgb(depth: NDArray[Any]) -> NDArray[np.uint8]:
-    """Map depth to colours from near (red) to far (blue). Pixels without a surface are black.
+    """Map depth, (H, W), to colours, (H, W, 3), from near (red) to far (blue); black where there is no surface.
 
-    Args:
-        depth: (H, W). Metres as float32, infinity where there is no surface; or millimetres as uint16, 65535 where
-            there is no surface.
-
-    Returns:
-        (H, W, 3) uint8.
+    Metres as float32, infinity for no surface; or millimetres as uint16, 65535 for no surface.
     """
     values = depth.astype(np.float32)
     valid = np.isfinite(values) & (values > 0.0)
@@ -54,13 +47,9 @@ def gray_to_rgb(pixels: NDArray[np.uint8]) -> NDArray[np.uint8]:
 
 
 def shrink_to_width(rgb: NDArray[np.uint8], width: int | None, *, interpolate: bool = True) -> NDArray[np.uint8]:
-    """Scale an image down to a maximum width; the aspect ratio is kept.
+    """Scale an image, (H, W, 3), down to a maximum width (None: no maximum); the aspect ratio is kept.
 
-    Args:
-        rgb: (H, W, 3).
-        width: maximum width in pixels; None: no maximum.
-        interpolate: True: average pixels. False: take the nearest pixel, as label images need, because the mean of two
-            labels is a third label.
+    ``interpolate`` False: take the nearest pixel, as the mean of two labels is a third label.
     """
     if width is None or width >= rgb.shape[1]:
         return rgb
@@ -72,14 +61,7 @@ def shrink_to_width(rgb: NDArray[np.uint8], width: int | None, *, interpolate: b
 def _apply_colormap(
     values: NDArray[Any], low: float, high: float, colormap: int, valid: NDArray[np.bool_]
 ) -> NDArray[np.uint8]:
-    """Map values, (H, W), to RGB, (H, W, 3).
-
-    Args:
-        low: value at the start of the colormap.
-        high: value at the end of the colormap.
-        colormap: OpenCV's number of the colormap.
-        valid: (H, W); False: the pixel becomes black.
-    """
+    """Map values, (H, W), from ``low`` on to RGB by OpenCV's colormap; pixels that are not ``valid`` become black."""
     scaled = (values.astype(np.float32) - np.float32(low)) * np.float32(255.0 / max(high - low, 1e-6))
     levels = np.nan_to_num(scaled, posinf=0.0, neginf=0.0).clip(0, 255).astype(np.uint8)
     bgr = np.asarray(cv2.applyColorMap(levels, colormap), np.uint8)

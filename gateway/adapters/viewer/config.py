@@ -1,7 +1,5 @@
 """Limits and defaults of the browser view. ``gateway.wiring`` creates the configuration."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 from importlib.resources import files
 from typing import Final

@@ -4,8 +4,6 @@ A page numbers its changes. It ignores values of a control that were sent before
 change of that control: a frame ``received`` has the number.
 """
 
-from __future__ import annotations
-
 from gateway.adapters.viewer import messages
 from gateway.adapters.viewer.frames import FrameBuilder
 from gateway.scene.page.control_store import ControlStore

@@ -6,8 +6,6 @@ Browsers at the same revision share the encoded bytes. A browser that skipped re
 to the newest revision directly.
 """
 
-from __future__ import annotations
-
 import asyncio
 import time
 from array import array

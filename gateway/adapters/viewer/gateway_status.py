@@ -1,7 +1,5 @@
 """Content of the page's status bar."""
 
-from __future__ import annotations
-
 from typing import Any
 
 from gateway.adapters.viewer.messages import Fact, InterfaceState, Status

@@ -1,7 +1,5 @@
 """Convert parts, draws and materials to those of messages."""
 
-from __future__ import annotations
-
 from typing import Any, Final
 
 import msgspec

@@ -3,8 +3,6 @@
 ``routes`` connects a WebSocket to a ``Browser``; ``gateway.wiring`` runs the ``ViewHub``.
 """
 
-from __future__ import annotations
-
 import asyncio
 from collections.abc import Callable, Sequence
 from contextlib import suppress
@@ -50,14 +48,9 @@ class ViewHub:
         timeline: Timeline | None = None,
         has_live: bool = True,
     ) -> None:
-        """
-        Args:
-            status: returns the content of the page's status bar, to which the hub adds figures of its own. Called every
-                ``status_seconds`` while browsers are connected.
-            renders: newest requests of the render endpoint, oldest first.
-            live_page: view settings, clickable paths and controls of all pages, which clients of the tree viewer set.
-            timeline: states of the scene that pages can go to; None: pages are always live.
-            has_live: True if the end of the timeline is the live tree.
+        """``status`` returns the content of the page's status bar, to which the hub adds figures of its own; called
+        every ``status_seconds`` while browsers are connected. ``timeline``: states that pages can go to; None: pages
+        are always live. ``has_live``: True if its end is the live tree.
         """
         self.config = config
         self.resources = Resources()
@@ -174,11 +167,7 @@ class ViewHub:
         return encode(msgspec.structs.replace(status, facts=facts, renders=render_count))
 
     def connect(self) -> Browser:
-        """Add a browser.
-
-        Raises:
-            ConnectionRefusedError: there are ``max_browsers`` already.
-        """
+        """Add a browser. Raises ConnectionRefusedError if there are ``max_browsers`` already."""
         if len(self._browsers) >= self.config.max_browsers:
             raise ConnectionRefusedError(
                 f"{len(self._browsers)} browsers are connected, which is the limit (max_browsers)"

@@ -3,8 +3,6 @@
 ``gateway.wiring`` adds them to the application.
 """
 
-from __future__ import annotations
-
 import asyncio
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
@@ -57,11 +55,7 @@ class JpegQuery(ColorQuery):
     )
 
     def image_request(self, config: ViewerConfig, default_look: LookName) -> ImageRequest:
-        """Return the image that these parameters describe.
-
-        Raises:
-            RequestValidationError: it is too large.
-        """
+        """Return the image that these parameters describe. Raises RequestValidationError if it is too large."""
         width, height = self.size(config.width, config.height, config.max_side, config.max_pixels)
         return ImageRequest(
             camera=self.camera_spec,

@@ -4,8 +4,6 @@ A message of the gateway is the JSON header of a frame (``frames``); ``kind`` is
 left out. To add a message: a class here, its name in ``MESSAGES``, and its handler in ``web/src/main.ts``.
 """
 
-from __future__ import annotations
-
 from typing import Annotated, Any, Final, Literal, TypeAlias
 
 from msgspec import UNSET, Meta, Struct, UnsetType, field

@@ -4,8 +4,6 @@ The page sends a ``TimeCommand``; the gateway moves the page's target. The page 
 ``time``.
 """
 
-from __future__ import annotations
-
 import asyncio
 from collections.abc import Callable
 from enum import StrEnum
@@ -48,13 +46,10 @@ class Playback:
         release: Callable[[], None],
         send: Callable[[bytes], None],
     ) -> None:
-        """
-        Args:
-            timeline: states of the scene.
-            has_live: True if the timeline's end is the live scene. Otherwise the page plays from the start.
-            show: makes a state the target of the page; None: the live scene.
-            release: lets the page show its state without the gateway, which does not keep it any more.
-            send: sends a frame to the page.
+        """``has_live``: True if the timeline's end is the live scene; otherwise the page plays from the start.
+
+        ``show`` makes a state, or the live scene (None), the target of the page; ``send`` sends it a frame; ``release``
+        lets it show its state without the gateway, which does not keep it any more.
         """
         self.mode = Mode.LIVE if has_live else Mode.PLAYING
         self._timeline = timeline

@@ -1,7 +1,5 @@
 """The last requests of the render endpoint and their images, which the page lists."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import cv2
@@ -14,11 +12,7 @@ from renderers.encode import png_rgb
 
 
 def render_entries(renders: Sequence[RenderRecord]) -> list[RenderEntry]:
-    """Return requests as the page lists them: newest first.
-
-    Args:
-        renders: the requests, oldest first.
-    """
+    """Return requests, oldest first, as the page lists them: newest first."""
     return [
         RenderEntry(
             id=record.number,
@@ -37,14 +31,7 @@ def render_entries(renders: Sequence[RenderRecord]) -> list[RenderEntry]:
 
 
 def encode_preview(record: RenderRecord, width: int | None) -> bytes:
-    """Return a request's image as a PNG that browsers can display. Depth is mapped to colours.
-
-    Args:
-        record: the request.
-        width: maximum width in pixels; None: no maximum.
-    Raises:
-        ValueError: the image cannot be decoded.
-    """
+    """Return a request's image as a PNG, at most a width (None: any). Depth is mapped to colours. Raises ValueError."""
     if record.media_type == "image/png" and width is None and record.kind != "depth":
         return record.body
     pixels = cv2.imdecode(np.frombuffer(record.body, np.uint8), cv2.IMREAD_UNCHANGED)

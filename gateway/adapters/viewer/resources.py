@@ -1,7 +1,5 @@
 """Ids of meshes, textures and point clouds, and a cache of encoded meshes, shared by all browsers."""
 
-from __future__ import annotations
-
 import itertools
 import math
 from collections import deque
@@ -141,12 +139,10 @@ def encode_mesh(mesh_id: int, mesh: Mesh) -> bytes:
 
 
 def sample_order(count: int) -> NDArray[np.int64]:
-    """Return an order of points in which each range is an even sample of all. Pages draw large clouds in such ranges.
+    """Return a permutation of 0 to ``count`` - 1 in which each range is an even sample of all.
 
-    Each index is about ``count`` divided by the golden ratio above the previous one, modulo ``count``.
-
-    Returns:
-        (N,) int64, a permutation of 0 to ``count`` - 1.
+    Pages draw large clouds in such ranges. Each index is about ``count`` divided by the golden ratio above the previous
+    one, modulo ``count``.
     """
     step = max(1, int(count * (5**0.5 - 1) / 2))
     while math.gcd(step, count) > 1:
@@ -155,11 +151,7 @@ def sample_order(count: int) -> NDArray[np.int64]:
 
 
 def channel_values(cloud: PointCloud, name: str) -> NDArray[np.float32] | None:
-    """Return a channel of a point cloud, in the order of the points in the frame of the cloud's mesh.
-
-    Returns:
-        (N, k) float32: k values for each of the N points that are drawn. None if there is no such channel.
-    """
+    """Return a channel of a point cloud, (N, k) for the N points that are drawn, in their order; or None."""
     values = cloud.channels.get(name)
     if values is None or len(values) != len(cloud.points):
         return None

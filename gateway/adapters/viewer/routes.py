@@ -3,8 +3,6 @@
 ``gateway.wiring`` adds them to the application.
 """
 
-from __future__ import annotations
-
 import asyncio
 import gzip
 import hashlib

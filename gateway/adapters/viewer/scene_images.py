@@ -1,7 +1,5 @@
 """Render the live scene and its history as JPEG, and the live scene as MJPEG, for ``image_routes``."""
 
-from __future__ import annotations
-
 import asyncio
 from collections.abc import AsyncIterator, Callable
 from contextlib import suppress
@@ -78,18 +76,10 @@ class SceneImages:
         """Number of open MJPEG streams."""
 
     async def jpeg(self, request: ImageRequest, time: float | None = None) -> tuple[bytes, int]:
-        """Return the scene as JPEG, and its revision.
+        """Return the scene as JPEG, and its revision. ``time``: see ``state_at``; None: the newest scene.
 
-        Args:
-            time: seconds since the epoch, or before now if negative; None: the newest scene.
-
-        Raises:
-            TimeError: there is no state of this time.
-            CameraError: the scene does not have the camera's node, or there is no stereo camera.
-            ImageError: a texture cannot be decoded.
-            QueueFull: the queue for worker threads is full.
-            DeadlineExceeded: rendering took too long.
-            PoolClosed: the gateway shuts down.
+        Raises TimeError, CameraError (no such node, or no stereo camera), ImageError, QueueFull, DeadlineExceeded, or
+        PoolClosed.
         """
         scene = self._scene
         snapshot = scene.tree.snapshot if time is None else await state_at(scene.timeline, time)
@@ -116,15 +106,10 @@ class SceneImages:
         return jpeg_rgb(frame.color, quality=request.quality)
 
     def stream(self, request: ImageRequest, rate: float, closing: Callable[[], bool]) -> AsyncIterator[bytes]:
-        """Return the parts of a ``multipart/x-mixed-replace`` response: an image for every change of the scene.
+        """Return the parts of a ``multipart/x-mixed-replace`` response: an image for every change, up to ``rate`` a
+        second.
 
-        Args:
-            request: the image.
-            rate: maximum frame rate, Hz.
-            closing: returns True when the gateway shuts down. The stream then ends.
-
-        Raises:
-            StreamsFull: ``max_streams`` streams are open already.
+        It ends when ``closing`` returns True. Raises StreamsFull if ``max_streams`` streams are open already.
         """
         if self.streams >= self.config.max_streams:
             raise StreamsFull(f"{self.streams} streams are open, which is the limit (max_streams)")

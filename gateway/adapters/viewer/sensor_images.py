@@ -1,7 +1,5 @@
 """The stereo camera's images as JPEG, for ``image_routes``. They are captured on request, once for all browsers."""
 
-from __future__ import annotations
-
 import asyncio
 import math
 from collections.abc import Awaitable, Callable
@@ -33,10 +31,7 @@ class SensorImages:
     """The newest images of the stereo camera. Not thread-safe: used in the event loop only."""
 
     def __init__(self, capture: Callable[[], Awaitable[StereoImages]], max_age: float) -> None:
-        """
-        Args:
-            max_age: seconds after which ``fresh_capture`` replaces the images.
-        """
+        """``max_age``: seconds after which ``fresh_capture`` replaces the images."""
         self._source = capture
         self._max_age = max_age
         self._captures: SharedResults[int, Capture] = SharedResults(1)
@@ -47,11 +42,7 @@ class SensorImages:
         """Time at which the newest capture becomes too old, in seconds of the event loop's clock."""
 
     async def fresh_capture(self) -> Capture:
-        """Return the newest capture; replace it if it is older than ``max_age``.
-
-        Raises:
-            Exception: the stereo camera cannot capture; its own error.
-        """
+        """Return the newest capture; replace it if it is older than ``max_age``. Raises the camera's own errors."""
         if self._newest is not None and asyncio.get_running_loop().time() < self._expiry_time:
             return self._newest
         return await self._captures.get(self._next_number, self._capture_now)  # one capture for all who wait for it
@@ -61,11 +52,7 @@ class SensorImages:
         return self._newest or await self.fresh_capture()
 
     async def jpeg(self, capture: Capture, name: ImageName, width: int | None) -> bytes:
-        """Return an image of a capture as JPEG.
-
-        Args:
-            width: maximum width in pixels; None: no maximum.
-        """
+        """Return an image of a capture as JPEG. ``width``: maximum width in pixels; None: no maximum."""
         pixels: NDArray[Any] = getattr(capture.images, name)
         width = min(width or pixels.shape[1], pixels.shape[1])
         return await self._jpegs.get(
@@ -82,13 +69,7 @@ class SensorImages:
 
 
 def encode_image(name: ImageName, pixels: NDArray[Any], width: int) -> bytes:
-    """Encode an image of the stereo camera as JPEG. Disparity and confidence are mapped to colours.
-
-    Args:
-        name: name of the image.
-        pixels: (H, W) or (H, W, 3), as in ``StereoImages``.
-        width: maximum width in pixels.
-    """
+    """Encode an image of ``StereoImages`` as JPEG, at most a width. Disparity and confidence are mapped to colours."""
     if name == "disparity":
         rgb = disparity_to_rgb(pixels)
     elif name == "confidence":

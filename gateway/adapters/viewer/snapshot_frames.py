@@ -1,7 +1,5 @@
 """Encodes snapshots of a tree as the frames of the view, which ``SceneMirror`` reads."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 from gateway.adapters.viewer.encoder import EMPTY_SNAPSHOT, Encoder, encode_stereo_rig
@@ -14,10 +12,7 @@ class SnapshotFrames:
     """Encodes what changes from one snapshot to the next. Not thread-safe."""
 
     def __init__(self, rig: Callable[[Snapshot], StereoRig | None] = lambda snapshot: None) -> None:
-        """
-        Args:
-            rig: returns the stereo camera in a snapshot.
-        """
+        """``rig`` returns the stereo camera in a snapshot."""
         self._rig = rig
         self._rig_frame = b""
         self._resources = Resources()

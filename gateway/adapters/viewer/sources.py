@@ -3,8 +3,6 @@
 ``gateway.wiring`` converts the values, so that the browser view imports no other interface.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Final, Literal, Protocol, get_args

@@ -1,7 +1,5 @@
 """Finds the places of a scene's objects: on surfaces without interpenetration, or at rest after a drop."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Final
@@ -16,7 +14,7 @@ from gateway.datasets.scenario.catalogue import Catalogue
 from gateway.datasets.scenario.choices import ObjectChoice, SurfaceChoice
 from gateway.datasets.scenario.models import LoadedModel, load_model
 from gateway.datasets.scenario.physics import settle
-from gateway.datasets.scenario.placement import Solid, are_apart, place_on
+from gateway.datasets.scenario.placement import CollisionSolid, are_apart, place_on
 from gateway.datasets.scenario.surfaces import solids_of
 from gateway.files.assets.scene_file import SceneFileError
 from gateway.scene.tree.transforms import translation
@@ -39,7 +37,7 @@ class SceneItem:
     table: tables.Model
     choice: ObjectChoice
     """The drawn object, with its pose before it is placed."""
-    solid: Solid
+    solid: CollisionSolid
     """The object in its own frame, scaled."""
     X_world_object: NDArray[np.float64]
     """Pose, (4, 4). Before the object has a place: the drawn rotation, or the first pose of its track."""
@@ -47,7 +45,7 @@ class SceneItem:
     """Index of the surface below; None: the object does not drop."""
 
     @cached_property
-    def in_world(self) -> Solid:
+    def in_world(self) -> CollisionSolid:
         """The object in the world."""
         return self.solid.moved(self.X_world_object)
 
@@ -92,7 +90,9 @@ class Arrangement:
             else:
                 self._add_on_surface(item, others)
 
-    def _add_at_position(self, item: SceneItem, position: tuple[tables.Range[float], ...], others: list[Solid]) -> None:
+    def _add_at_position(
+        self, item: SceneItem, position: tuple[tables.Range[float], ...], others: list[CollisionSolid]
+    ) -> None:
         """Place an object at a drawn position in the world, apart from the others."""
         is_range = any(isinstance(coordinate, tuple) for coordinate in position)
         for _ in range(self.scenario.placement.tries if is_range else 1):
@@ -103,7 +103,7 @@ class Arrangement:
                 return
         self._leave_out(item, "has no free place at its position")
 
-    def _add_on_surface(self, item: SceneItem, others: list[Solid]) -> None:
+    def _add_on_surface(self, item: SceneItem, others: list[CollisionSolid]) -> None:
         """Place an object on a surface or, if objects drop, above it at the lowest of ``DROP_HEIGHTS`` that is free."""
         placement = self.scenario.placement
         allowed = [index for index, table in enumerate(self.scenario.surfaces) if item.table.on in ("", table.name)]

@@ -1,7 +1,5 @@
 """Makes a scene from its choices: the same choices and files give the same bytes, on any machine."""
 
-from __future__ import annotations
-
 import posixpath
 from collections.abc import Iterator
 from dataclasses import dataclass, field
@@ -46,11 +44,7 @@ class BuiltScene:
 
 
 def build_scene(catalogue: Catalogue, choices: SceneChoices, frame: int) -> BuiltScene:
-    """Return a frame of a scene.
-
-    Raises:
-        ScenarioError: a file cannot be used.
-    """
+    """Return a frame of a scene. Raises ScenarioError if a file cannot be used."""
     try:
         return _Builder(catalogue, choices, frame).build()
     except OSError as error:
@@ -63,10 +57,8 @@ def build_scene(catalogue: Catalogue, choices: SceneChoices, frame: int) -> Buil
 def model_names(catalogue: Catalogue) -> frozenset[str]:
     """Return the names of the models of all annotated objects that the scenario may have.
 
-    Models that cannot be loaded have none: they are left out of each scene that draws them, with a note.
-
-    Raises:
-        ScenarioError: the path of a table of models names no file.
+    Models that cannot be loaded have none: they are left out of each scene that draws them, with a note. Raises
+    ScenarioError if a path names no file.
     """
     names: set[str] = set()
     for index, model_table in enumerate(catalogue.scenario.models):

@@ -1,7 +1,5 @@
 """Draws cameras around objects: single poses on a shell, and smooth paths of a hand that holds a camera."""
 
-from __future__ import annotations
-
 import math
 from typing import Final, NamedTuple
 
@@ -64,12 +62,9 @@ class _Orbit(NamedTuple):
 def draw_cameras(
     camera: Shell | Fixed, boxes: NDArray[np.float64], frames: FrameRange | None, random: np.random.Generator
 ) -> list[CameraChoice]:
-    """Return the cameras of a table of the scenario.
+    """Return the cameras of a table of the scenario (``Handheld`` is a ``Shell``); None: the scene does not move.
 
-    Args:
-        camera: the table; ``Handheld`` is a ``Shell``.
-        boxes: (N, 2, 3) boxes of the objects in the world, metres; at least one.
-        frames: frames of the scene; None if it does not move.
+    ``boxes``: (N, 2, 3) boxes of the objects in the world, metres; at least one.
     """
     if isinstance(camera, Fixed):
         pose = look_at(camera.eye, camera.target, camera.up)

@@ -1,7 +1,5 @@
 """Lists the files that a scenario names: models, textures, rigs, environments and backgrounds."""
 
-from __future__ import annotations
-
 import glob
 import hashlib
 import os
@@ -96,13 +94,8 @@ class Catalogue:
     def files(self, pattern: str, suffixes: tuple[str, ...], key: str) -> tuple[str, ...]:
         """Return the files of a path, folder or pattern in ascending order, relative to the scenario's folder.
 
-        Args:
-            pattern: value of the key; the paths in the result begin as it does.
-            suffixes: suffixes of the files in a folder.
-            key: key in the scenario, for the message.
-
-        Raises:
-            ScenarioError: there are none, or too many.
+        They begin as the pattern does. ``suffixes``: those of the files in a folder. ``key``: key in the scenario, for
+        the message. Raises ScenarioError if there are none, or too many.
         """
         folder = self.path.parent
         if (folder / pattern).is_file():
@@ -152,11 +145,7 @@ def _matches(folder: Path, pattern: str) -> Iterator[str]:
 
 
 def read_catalogue(path: Path) -> Catalogue:
-    """Read a scenario, or return it from the cache if its file has not changed.
-
-    Raises:
-        ScenarioError: it cannot be used.
-    """
+    """Read a scenario, or return it from the cache if its file has not changed. Raises ScenarioError."""
     with errors_as(ScenarioError, path):
         status = path.stat()
     return _read_cached(path, status.st_mtime_ns, status.st_size)

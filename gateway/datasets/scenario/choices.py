@@ -4,8 +4,6 @@ Files are named as in the scenario: relative to its folder, unless the scenario 
 been edited: ``choices_of`` compares it with the scenario.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from typing import Annotated, Any, Final, Literal
 
@@ -128,9 +126,7 @@ class SceneChoices(Choice, frozen=True, kw_only=True):
 def choices_of(record: Any, catalogue: Catalogue, number: int) -> SceneChoices:
     """Return the choices in ``SceneRecord.scenario`` of the scene with a number.
 
-    Raises:
-        ValidationError: a value is beyond its limits.
-        ScenarioError: a value contradicts the scenario.
+    Raises ValidationError if a value is beyond its limits, ScenarioError if it contradicts the scenario.
     """
     choices = msgspec.convert(record, SceneChoices)
     for problem in _problems(choices, catalogue, number):

@@ -1,7 +1,5 @@
 """Draws the choices of a scene from the seed of its scenario and its number, and nothing else."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import Any, Final, TypeVar
 
@@ -23,7 +21,7 @@ from gateway.datasets.scenario.choices import (
     SurfaceChoice,
 )
 from gateway.datasets.scenario.models import LoadedModel
-from gateway.datasets.scenario.placement import Solid, rotation_of
+from gateway.datasets.scenario.placement import CollisionSolid, rotation_of
 from gateway.datasets.scenario.scenery import lamp_direction
 from gateway.datasets.scenario.tracks import read_track
 from gateway.scene.tree.transforms import translation
@@ -39,8 +37,7 @@ _STREAMS: Final = ("surfaces", "models", "distractors", "places", "cameras", "li
 def draw_choices(catalogue: Catalogue, number: int) -> SceneChoices:
     """Return the choices of a scene. The same scenario, files and number give the same choices.
 
-    Raises:
-        ScenarioError: a file cannot be used, or no object could be placed.
+    Raises ScenarioError if a file cannot be used, or no object could be placed.
     """
     return _Drawing(catalogue, number).choices()
 
@@ -159,7 +156,7 @@ class _Drawing:
             )
             with errors_as(tables.ScenarioError, file, RobotFileError):  # joint values that the model cannot have
                 bodies = model.bodies(choice.joints)
-            solid = Solid(tuple(body * scale for body in bodies))
+            solid = CollisionSolid(tuple(body * scale for body in bodies))
             items.append(SceneItem(table, choice, solid, X_world_object))
         return items
 

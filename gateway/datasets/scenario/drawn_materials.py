@@ -1,7 +1,5 @@
 """Replaces materials of trees by drawn ones, with texture coordinates for meshes that have none."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Final
 
@@ -25,11 +23,7 @@ _mapped: Final[Cache[tuple[Mesh, tuple[float, ...], float], Mesh]] = Cache("scen
 
 
 def read_image(path: Path) -> Image:
-    """Return the image in a file, from the cache if it has not changed.
-
-    Raises:
-        OSError, ImageError: it cannot be read, or its header is wrong. The message names the file.
-    """
+    """Return the image in a file, cached while it has not changed. Raises OSError or ImageError with its name."""
     status = path.stat()
     key = (path, status.st_mtime_ns, status.st_size)
     image = _images.get(key)
@@ -57,12 +51,10 @@ def material_of(choice: MaterialChoice, folder: Path) -> Material:
 
 
 def with_material(root: Node, material: Material | None, texture_size: float | None, scale: float = 1.0) -> Node:
-    """Return a tree with another material on all triangles.
+    """Return a tree with another material on all triangles; None: its own, so that equal models have equal meshes.
 
-    Args:
-        material: the material; None: those of the tree, so that equal models have equal meshes.
-        texture_size: side of a texture in metres: meshes without texture coordinates get some. None: they stay.
-        scale: scale of the tree in the world.
+    ``texture_size``: side of a texture in metres, for meshes without texture coordinates; None: they stay. ``scale``:
+    that of the tree in the world.
     """
     parts = root.parts
     if parts is not None:

@@ -1,7 +1,5 @@
 """Reads scenario files, and describes them to editors."""
 
-from __future__ import annotations
-
 import ast
 import inspect
 import re
@@ -27,11 +25,7 @@ _PATH_STEP: Final = re.compile(r"([^.\[\]]+)|\[(\d+)\]")
 
 
 def read_scenario(path: Path) -> Scenario:
-    """Read a scenario file.
-
-    Raises:
-        ScenarioError: it cannot be read, or a value is invalid.
-    """
+    """Read a scenario file. Raises ScenarioError if it cannot be read, or a value is invalid."""
     with errors_as(ScenarioError, path, ValueError, RecursionError):  # ValueErrors: those of TOML and UTF-8, too
         content = tomllib.loads(read_text(path, MAX_FILE_BYTES))
         try:

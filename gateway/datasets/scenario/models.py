@@ -1,7 +1,5 @@
 """Loads the models of a scenario, and keeps them for further scenes: equal models share meshes and textures."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
@@ -47,11 +45,7 @@ class LoadedModel:
     """SHA-256 of the files that were read, by path relative to the file's folder."""
 
     def tree(self, joints: Mapping[str, tuple[float, ...]]) -> Node:
-        """Return the tree for joint values.
-
-        Raises:
-            RobotFileError: a value is invalid, or the model has no joints.
-        """
+        """Return the tree for joint values. Raises RobotFileError if one is invalid, or the model has no joints."""
         if not joints:
             return self.root
         if self.robot is None:
@@ -72,15 +66,9 @@ _model_cache: Final[Cache[tuple[object, ...], LoadedModel]] = Cache("scenario_mo
 
 
 def load_model(catalogue: Catalogue, table: Model, file: str, animation: AnimationTime | None = None) -> LoadedModel:
-    """Load a file of a table of models, or return it from the cache if it has not changed.
+    """Load a file of a table of models, cached while it has not changed. Files that it names must not change.
 
-    The files that it names must not change.
-
-    Args:
-        animation: animation of a glTF file, and its time.
-
-    Raises:
-        SceneFileError, OSError: it cannot be loaded.
+    ``animation``: that of a glTF file, and its time. Raises SceneFileError or OSError.
     """
     folder, up, args = catalogue.path.parent, table.up, tuple(table.xacro_args.items())
     path, roots = folder / file, tuple(folder / root for root in table.roots)

@@ -1,14 +1,12 @@
 """Drops objects on surfaces with the package ``mujoco``, as convex hulls, until they are at rest."""
 
-from __future__ import annotations
-
 from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from gateway.datasets.scenario.models import Body
-from gateway.datasets.scenario.placement import Solid
+from gateway.datasets.scenario.placement import CollisionSolid
 from gateway.datasets.scenario.tables import ScenarioError
 from gateway.scene.tree.transforms import from_pose, quaternions_of
 from renderers.stop import check_stop
@@ -32,16 +30,12 @@ objects on several others tremble about their places."""
 
 
 def settle(
-    objects: list[tuple[Solid, NDArray[np.float64]]], obstacles: list[Solid], seconds: float
+    objects: list[tuple[CollisionSolid, NDArray[np.float64]]], obstacles: list[CollisionSolid], seconds: float
 ) -> list[NDArray[np.float64] | None]:
     """Return the poses of objects at rest; None for those that still move at the end.
 
-    Args:
-        objects: each object in its own frame, scaled, and its first pose, (4, 4).
-        obstacles: what does not move, in the world.
-
-    Raises:
-        ScenarioError: the package is not installed, or cannot simulate the objects.
+    Each object is in its own frame, scaled, with its first pose; the obstacles do not move. Raises ScenarioError if the
+    package is missing, or cannot simulate them.
     """
     try:
         import mujoco
@@ -72,7 +66,9 @@ def settle(
     return [X if checks and np.isfinite(X).all() else None for X, checks in zip(matrices, checks_at_rest, strict=True)]
 
 
-def _model(mujoco: Any, objects: list[tuple[Solid, NDArray[np.float64]]], obstacles: list[Solid]) -> Any:
+def _model(
+    mujoco: Any, objects: list[tuple[CollisionSolid, NDArray[np.float64]]], obstacles: list[CollisionSolid]
+) -> Any:
     """Return the compiled model: a body with a free joint for each object."""
     spec = mujoco.MjSpec()
     spec.option.timestep = TIMESTEP
@@ -87,7 +83,7 @@ def _model(mujoco: Any, objects: list[tuple[Solid, NDArray[np.float64]]], obstac
     return spec.compile()
 
 
-def _add_hulls(mujoco: Any, spec: Any, body: Any, solid: Solid, name: str) -> None:
+def _add_hulls(mujoco: Any, spec: Any, body: Any, solid: CollisionSolid, name: str) -> None:
     for index, points in enumerate(solid.bodies):
         mesh = spec.add_mesh(name=f"{name}, {index}", uservert=_thick(points).ravel())
         mesh.inertia = mujoco.mjtMeshInertia.mjMESH_INERTIA_CONVEX

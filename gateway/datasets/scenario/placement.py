@@ -24,7 +24,7 @@ _ITERATIONS: Final = 100
 
 
 @dataclass(frozen=True, eq=False)
-class Solid:
+class CollisionSolid:
     """An object or a part of a surface in the world."""
 
     bodies: tuple[Body, ...]
@@ -39,18 +39,18 @@ class Solid:
         """Lowest and highest corner of all bodies, (2, 3) float64, metres."""
         return np.array((self.boxes[:, 0].min(axis=0), self.boxes[:, 1].max(axis=0)))
 
-    def moved(self, X: NDArray[np.float64]) -> Solid:
+    def moved(self, X: NDArray[np.float64]) -> CollisionSolid:
         """Return the solid moved by a rigid transform."""
-        return Solid(tuple(body @ X[:3, :3].T + X[:3, 3] for body in self.bodies))
+        return CollisionSolid(tuple(body @ X[:3, :3].T + X[:3, 3] for body in self.bodies))
 
 
-def box_solid(X_world_box: NDArray[np.float64], size: tuple[float, float, float]) -> Solid:
+def box_solid(X_world_box: NDArray[np.float64], size: tuple[float, float, float]) -> CollisionSolid:
     """Return a box with its centre at the origin of its frame."""
     half = 0.5 * np.array(size)
-    return Solid((box_corners((-half, half)),)).moved(X_world_box)
+    return CollisionSolid((box_corners((-half, half)),)).moved(X_world_box)
 
 
-def are_apart(a: Solid, b: Solid, gap: float) -> bool:
+def are_apart(a: CollisionSolid, b: CollisionSolid, gap: float) -> bool:
     """Return True if two solids are at least ``gap`` metres apart."""
     if _boxes_apart(a.box, b.box, gap):
         return True
@@ -102,23 +102,19 @@ def rotation_of(roll: float, pitch: float, yaw: float) -> NDArray[np.float64]:
 
 
 def place_on(
-    solid: Solid,
+    solid: CollisionSolid,
     rotation: NDArray[np.float64],
     X_world_surface: NDArray[np.float64],
     area: tuple[float, float],
-    others: list[Solid],
+    others: list[CollisionSolid],
     gap: float,
     tries: int,
     random: np.random.Generator,
 ) -> NDArray[np.float64] | None:
-    """Return a pose of an object that stands on a surface, apart from all others; None if none was found.
+    """Return a pose of a solid that stands on a surface, apart from the others; None if none was found.
 
-    Args:
-        solid: the object in its own frame, scaled.
-        rotation: (4, 4), its orientation in the world.
-        X_world_surface: (4, 4), the centre of the surface.
-        area: size of the rectangle in which the object must lie, metres.
-        others: objects and surfaces that it must not touch. The surface itself is not among them.
+    ``rotation``: (4, 4), its orientation in the world. ``X_world_surface``: (4, 4), the surface's centre. ``area``:
+    sides of the rectangle in which it must lie, metres. The surface itself is not among the others.
     """
     X_surface_object = np.linalg.inv(X_world_surface) @ rotation
     X_surface_object[:3, 3] = 0.0
@@ -142,7 +138,7 @@ def place_on(
         if not near_others:
             return X_world_object
         shift = X_world_object[:3, 3] - centre
-        placed = Solid(tuple(body + shift for body in centred.bodies))
+        placed = CollisionSolid(tuple(body + shift for body in centred.bodies))
         if all(are_apart(placed, other, gap) for other in near_others):
             return X_world_object
     return None

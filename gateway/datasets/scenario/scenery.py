@@ -1,7 +1,5 @@
 """Lights, background and camera sensor of colour images."""
 
-from __future__ import annotations
-
 import math
 import zlib
 from dataclasses import dataclass, replace
@@ -53,13 +51,10 @@ class Scenery:
     def finish(
         self, color: NDArray[np.uint8], scene: DrawList, camera: Camera, renderer: Renderer, look: Look
     ) -> NDArray[np.uint8]:
-        """Return a colour image, (H, W, 3) uint8, with the image of the background and the effects of the sensor.
+        """Return a colour image, (H, W, 3) of ``self.look(…)``, with the background's image and the sensor's effects.
 
         The scene is rendered once more before white: how much brighter a pixel is than before black is its share of
         background (Smith and Blinn 1996), at edges and through glass.
-
-        Args:
-            color: image of the scene in the look ``self.look(…)``.
         """
         if self.image is not None:
             white = renderer.render(scene, camera, Output.COLOR, replace(look, background=(255, 255, 255))).color
@@ -94,8 +89,7 @@ def _middle_in_size(image: NDArray[np.uint8], width: int, height: int) -> NDArra
 def scenery_of(choices: SceneChoices, folder: Path, frame: int) -> Scenery:
     """Return the scenery of a frame of a scene, whose files are relative to a folder.
 
-    Raises:
-        OSError, RigFileError, ImageError: a file cannot be used.
+    Raises OSError, RigFileError or ImageError.
     """
     background = choices.background
     image = read_image(folder / background.image) if background.image else None

@@ -1,7 +1,5 @@
 """Floors and tables: boxes in the frame of their upper side."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Final
 
@@ -10,7 +8,7 @@ from numpy.typing import NDArray
 
 from gateway.datasets.scenario.choices import SurfaceChoice
 from gateway.datasets.scenario.drawn_materials import material_of, with_material
-from gateway.datasets.scenario.placement import Solid, box_solid
+from gateway.datasets.scenario.placement import CollisionSolid, box_solid
 from gateway.scene.tree.geometry import Part
 from gateway.scene.tree.nodes import Node
 from gateway.scene.tree.transforms import translation
@@ -38,7 +36,7 @@ def boxes_of(surface: SurfaceChoice) -> list[PlacedBox]:
     return boxes
 
 
-def solids_of(surface: SurfaceChoice) -> list[Solid]:
+def solids_of(surface: SurfaceChoice) -> list[CollisionSolid]:
     """Return the boxes of a surface in the world, the upper one first."""
     X = np.array(surface.X_world_surface)
     return [box_solid(X @ X_surface_box, size) for X_surface_box, size in boxes_of(surface)]

@@ -1,7 +1,5 @@
 """The tables of a scenario file, declared as msgspec structs. ``docs/scenarios.md`` explains each of them."""
 
-from __future__ import annotations
-
 from typing import Annotated, ClassVar, Final, Literal, TypeAlias, TypeVar
 
 import msgspec

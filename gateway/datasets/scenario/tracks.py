@@ -1,7 +1,5 @@
 """Reads tracks: CSV files with a column ``time`` in seconds and columns of numbers, between which values are linear."""
 
-from __future__ import annotations
-
 import csv
 from dataclasses import dataclass
 from functools import lru_cache
@@ -51,13 +49,9 @@ class Track:
 
 
 def read_track(path: Path, *, poses: bool) -> Track:
-    """Read a track, or return it from the cache if its file has not changed.
+    """Read a track, or return it from the cache if its file has not changed. Raises ScenarioError with the line.
 
-    Args:
-        poses: the columns must be ``POSE_COLUMNS``, whose order the track has.
-
-    Raises:
-        ScenarioError: it cannot be read; the message names the line.
+    ``poses``: the columns must be ``POSE_COLUMNS``, whose order the track has.
     """
     with errors_as(ScenarioError, path, UnicodeDecodeError):
         status = path.stat()
@@ -99,12 +93,7 @@ def _read_cached(path: Path, poses: bool, modified_ns: int, size: int) -> Track:
 
 
 def _check_poses(path: Path, values: NDArray[np.float64], lines: list[int]) -> None:
-    """Raise ScenarioError if a position or a quaternion is beyond the limits.
-
-    Args:
-        values: (N, 7) float64, in the order of ``POSE_COLUMNS``.
-        lines: line of the file of each row.
-    """
+    """Raise ScenarioError if a position or quaternion, (N, 7), is beyond the limits; ``lines`` are the rows' lines."""
     min_norm, max_norm = QUATERNION_NORMS
     norms = np.hypot.reduce(values[:, 3:], axis=1)
     is_far = np.abs(values[:, :3]).max(axis=1) > MAX_METRES

@@ -4,8 +4,6 @@ Missing values have the defaults of ``renderers.light_rig``. Positions and direc
 Z up; angles are in degrees. ``docs/scene-api.md`` has an example.
 """
 
-from __future__ import annotations
-
 import functools
 import hashlib
 import math
@@ -88,11 +86,7 @@ class _Rig(_Table):
 
 @functools.cache
 def rig_of(path: Path | None) -> Rig:
-    """Return the rig of a file; the default rig for None. Log a warning if it has no light.
-
-    Raises:
-        RigFileError: See ``read_rig``.
-    """
+    """Return the rig of a file; the default rig for None. Log a warning if it has no light. Raises as ``read_rig``."""
     rig = STUDIO if path is None else read_rig(path)
     if rig.is_dark:
         _log.warning("Scenes without lights of their own are black in the look studio", rig=str(path), reason=NO_LIGHT)
@@ -100,11 +94,7 @@ def rig_of(path: Path | None) -> Rig:
 
 
 def rig_digest(path: Path) -> str:
-    """Return the SHA-256, in hexadecimal, of a rig file followed by the image of its surroundings, if it has one.
-
-    Raises:
-        RigFileError: See ``read_rig``.
-    """
+    """Return the SHA-256 of a rig file followed by the image of its surroundings, if any. Raises as ``read_rig``."""
     rig = read_rig(path)
     image = (rig.surroundings.image if rig.surroundings is not None else None) or b""
     text = b"" if _is_image(path) else read_regular(path, _MAX_FILE_BYTES)
@@ -118,10 +108,7 @@ def _is_image(path: Path) -> bool:
 def read_rig(path: Path) -> Rig:
     """Return the rig of a TOML file, in which paths are relative to its folder, or of a Radiance image (.hdr).
 
-    The image lights the scene alone, as the environment map of Drake's RenderEngineVtk does.
-
-    Raises:
-        RigFileError: A file cannot be read, or a value cannot be used.
+    The image lights the scene alone, as the environment map of Drake's RenderEngineVtk does. Raises RigFileError.
     """
     try:
         if _is_image(path):

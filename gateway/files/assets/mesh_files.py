@@ -5,8 +5,6 @@ must be below one of these roots. With ``any_folder``, for programs on this mach
 extension is one of ``READABLE_EXTENSIONS``. Only regular files are read, and nothing from the network.
 """
 
-from __future__ import annotations
-
 import errno
 import os
 import threading
@@ -86,11 +84,9 @@ class MeshFiles:
         *,
         any_folder: bool = False,
     ) -> None:
-        """
-        Args:
-            roots: Folders that may be read. Without any, no file is allowed.
-            caches: limit of the cache of loaded files, shared with other caches.
-            any_folder: True: files of ``READABLE_EXTENSIONS`` may be read from all folders.
+        """``roots``: folders that may be read; none: no file is allowed. ``caches``: limit shared with other caches.
+
+        ``any_folder`` True: files of ``READABLE_EXTENSIONS`` may be read from all folders.
         """
         self._roots = tuple(Path(os.path.realpath(root)) for root in roots)
         self._any_folder = any_folder
@@ -108,15 +104,10 @@ class MeshFiles:
         scale: tuple[float, float, float] = (1.0, 1.0, 1.0),
         warnings: list[str] | None = None,
     ) -> tuple[Part, ...]:
-        """Return the parts of a mesh file, Z up and in metres, scaled along its axes.
+        """Return the parts of a mesh file, Z up and in metres, scaled along its axes; append warnings.
 
-        Args:
-            filename: ``package://name/path``, ``file:///path``, an absolute path, or a path relative to a root.
-            scale: Factors along x, y, z.
-            warnings: Sentences about content that is not shown are appended to this list.
-
-        Raises:
-            MeshFileError: The file is not allowed, missing or unreadable.
+        ``filename``: ``package://name/path``, ``file:///path``, an absolute path, or a path relative to a root. Raises
+        MeshFileError if it is not allowed, missing or unreadable.
         """
         path = self._find(filename)
         key = str(path)
@@ -143,17 +134,10 @@ class MeshFiles:
         scale: tuple[float, float, float],
         warnings: list[str],
     ) -> tuple[Part, ...]:
-        """Return the parts of a mesh file that is in memory, Z up and in metres, scaled along its axes.
+        """Return the parts of a mesh file in memory, Z up and in metres, scaled along its axes; append warnings.
 
-        Args:
-            extension: One of ``FORMATS``.
-            resolve: Returns the files that the mesh file refers to.
-            name: Name for messages, and source of the parts.
-            scale: Factors along x, y, z.
-            warnings: Sentences about content that is not shown are appended to this list.
-
-        Raises:
-            MeshFileError: The data cannot be used.
+        ``extension`` is one of ``FORMATS``, ``resolve`` returns the files that it refers to, ``name`` is for messages,
+        and the source of the parts. Raises MeshFileError.
         """
         if extension not in FORMATS:
             formats = ", ".join(sorted(FORMATS))
@@ -163,11 +147,7 @@ class MeshFiles:
         return _scaled(self._parsed(data, extension, resolve, name, warnings), scale)
 
     def read(self, filename: str) -> bytes:
-        """Return the bytes of a file that a client names.
-
-        Raises:
-            MeshFileError: The file is not allowed, missing or unreadable.
-        """
+        """Return the bytes of a file that a client names. Raises MeshFileError if it is not allowed or unreadable."""
         for path in self._named_paths(filename):
             if self._is_allowed(path) and _is_file(path):
                 try:
@@ -218,11 +198,7 @@ class MeshFiles:
             raise MeshFileError(f"{quoted(filename)} is not a file name") from None
 
     def _named_paths(self, filename: str) -> list[Path]:
-        """Return those of ``_candidates`` that lie in folders that are open to the client.
-
-        Raises:
-            MeshFileError: It names none there.
-        """
+        """Return those of ``_candidates`` in folders that are open to the client. Raises MeshFileError without any."""
         if not self._roots and not self._any_folder:
             raise MeshFileError(
                 f"{quoted(filename)}: no folder is open to clients (--mesh-root), and only to programs on this "
@@ -281,11 +257,7 @@ class _FileReader:
         """Stamps of the files read so far."""
 
     def resolve(self, name: str) -> bytes:
-        """Return the bytes of a file that the mesh file refers to.
-
-        Args:
-            name: Path relative to the mesh file's folder, percent-encoded.
-        """
+        """Return the bytes of a file that the mesh file refers to, relative to its folder and percent-encoded."""
         if "\0" in name or "://" in name:
             raise MeshFileError(f"{quoted(name)} is not a file beside it")
         path = Path(os.path.realpath(self._folder / unquote(name).replace("\\", "/")))
@@ -294,12 +266,7 @@ class _FileReader:
         return self.read(path, name)
 
     def read(self, path: Path, name: str) -> bytes:
-        """Return the bytes of a regular file.
-
-        Args:
-            path: Path with symbolic links resolved.
-            name: Name for messages.
-        """
+        """Return the bytes of a regular file, whose path has its links resolved. ``name`` is for messages."""
         stamp = _stamp(str(path))
         limit = min(self._limits.max_bytes, self._remaining_bytes)
         try:

@@ -1,7 +1,5 @@
 """Parses mesh files: glTF here, other formats in a limited child process (``gateway.files.parsers``)."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 from typing import Final
@@ -117,11 +115,9 @@ def parse_mesh(
 
 
 def with_default_materials(parts: Iterable[Part], plain: Material, textured: Material) -> tuple[Part, ...]:
-    """Return parts with materials in place of ``PLAIN_MATERIAL``. The file's own materials are kept, as in RViz.
+    """Return parts with materials, for meshes without and with texture coordinates, in place of ``PLAIN_MATERIAL``.
 
-    Args:
-        plain: Material of meshes without texture coordinates.
-        textured: Material of the others.
+    The file's own materials are kept, as in RViz.
     """
 
     def material_of(part: Part) -> Material:
@@ -153,8 +149,7 @@ def _parts_of_gltf(
 def decodable_texture(data: bytes) -> bytes:
     """Return the PNG file of an image in a format that mesh files may use, such as TGA; other data as they are.
 
-    Raises:
-        Exception: The current ``StopFlag`` was set, with its error.
+    Raises the error of the current ``StopFlag`` when it is set.
     """
     try:
         image_header(data)
@@ -239,13 +234,7 @@ def _shape_of(parsed: ParsedShape) -> Shape:
 
 
 def diffuse_material(color: NDArray[np.float64], texture: Texture | None) -> Material:
-    """Return a diffuse material.
-
-    With a texture, only the opacity of the colour is used.
-
-    Args:
-        color: (4,) float64, sRGB and opacity in 0 .. 1.
-    """
+    """Return a diffuse material of an sRGB colour with opacity, (4,), of which a texture leaves the opacity only."""
     r, g, b, alpha = np.clip(np.nan_to_num(color), 0.0, 1.0).tolist()
     base = (1.0, 1.0, 1.0) if texture is not None else (linear_from_srgb(r), linear_from_srgb(g), linear_from_srgb(b))
     return Material(

@@ -1,7 +1,5 @@
 """Reads glTF files that the operator names, and rotates them to Z up. They may refer to files in their own folder."""
 
-from __future__ import annotations
-
 import hashlib
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
@@ -103,15 +101,11 @@ def read_scene_file(
     variant: str | None = None,
     animation: AnimationTime | None = None,
 ) -> SceneFile:
-    """Read a ``.gltf`` or ``.glb`` file.
+    """Read a ``.gltf`` or ``.glb`` file. Raises SceneFileError if it is not readable, not glTF, or beyond a limit.
 
-    Args:
-        up: The file's up axis; ``auto``: Z for documents that Drake merged, else Y by the specification.
-        variant: Name of a variant of KHR_materials_variants; None: the default materials.
-        animation: Animation whose pose the nodes have; None: the pose in which they are stored.
-
-    Raises:
-        SceneFileError: The file is not readable, not glTF, or beyond a limit.
+    ``up``: the file's up axis; ``auto``: Z for documents that Drake merged, else Y by the specification. ``variant``:
+    name of a variant of KHR_materials_variants; None: the default materials. ``animation``: the one whose pose the
+    nodes have; None: the stored pose.
     """
     files = FolderFiles(path)
     with errors_as(SceneFileError, path, GltfError):

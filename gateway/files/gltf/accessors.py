@@ -83,10 +83,9 @@ class Accessor(msgspec.Struct, frozen=True, gc=False, eq=False):
         return key if self.sparse is None else key + self.sparse[0].key + self.sparse[1].key
 
     def values(self, begin: int = 0, end: int | None = None) -> Array:
-        """Return the values from ``begin`` to before ``end`` (None: to the last) as stored.
+        """Return the values from ``begin`` to before ``end`` (None: to the last) as stored, (end - begin, components).
 
-        Returns:
-            (end - begin, components) of ``dtype``: a view of the buffer, or a copy if there is a sparse part.
+        A view of the buffer, or a copy if there is a sparse part.
         """
         end = self.count if end is None else end
         shape = (end - begin, self.components)
@@ -105,11 +104,7 @@ class Accessor(msgspec.Struct, frozen=True, gc=False, eq=False):
         return array
 
     def floats(self, begin: int = 0, end: int | None = None) -> NDArray[np.float32]:
-        """Return a copy of ``values`` as float32; normalized integers become numbers in 0 .. 1 or -1 .. 1.
-
-        Returns:
-            (end - begin, components) float32, C-contiguous.
-        """
+        """Return a copy of ``values`` as float32, C-contiguous; normalized integers are in 0 .. 1 or -1 .. 1."""
         values = self.values(begin, end)
         if self.dtype.char == "d":
             with np.errstate(over="ignore", invalid="ignore"):
@@ -136,8 +131,7 @@ class Accessors:
     def get(self, index: int, path: str) -> Accessor:
         """Return ``accessors[index]``, to which the property ``path`` refers.
 
-        Raises:
-            GltfError: Out of range, of an unknown type, or beyond its buffer view.
+        Raises GltfError if it is out of range, of an unknown type, or beyond its buffer view.
         """
         if (checked := self._accessors.get(index)) is not None:
             return checked
@@ -162,11 +156,9 @@ class Accessors:
     def _locate(
         self, name: str, view_index: int | None, byte_offset: int | None, size: int, count: int
     ) -> tuple[Buffer | None, int, int]:
-        """Return the buffer, and the offset and the stride in bytes, of ``count`` values of ``size`` bytes each.
+        """Return the buffer, offset and stride in bytes of ``count`` values of ``size`` bytes each.
 
-        Args:
-            view_index: Index of the buffer view; None: the result has no buffer.
-            byte_offset: Offset in bytes within the buffer view; None: 0.
+        Without a view (None) there is no buffer; the offset in it is 0 for None.
         """
         if view_index is None:
             return None, 0, 0

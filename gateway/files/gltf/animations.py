@@ -1,7 +1,5 @@
 """Poses the nodes of a document as one of its animations does at a time: transforms and weights of morph targets."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Any, Final
 
@@ -31,8 +29,7 @@ class AnimationTime:
 def pose_nodes(document: schema.Document, accessors: Accessors, time: AnimationTime, warnings: list[str]) -> None:
     """Replace the properties of nodes that an animation changes. An invalid channel is ignored with a warning.
 
-    Raises:
-        GltfError: there is no such animation.
+    Raises GltfError if there is no such animation.
     """
     index = _index_of(document, time.animation)
     animation = checked_item(document.animations, index, "animations", "animation")
@@ -82,8 +79,7 @@ def _sample(
 ) -> NDArray[np.float64]:
     """Return the value of a channel, (components,) float64, by the interpolation of its sampler (glTF 2.0, appendix C).
 
-    Raises:
-        GltfError: the output has the wrong size or numbers that are not finite.
+    Raises GltfError if the output has the wrong size or numbers that are not finite.
     """
     output = accessors.get(-1 if sampler.output is None else sampler.output, f"{path}.output").floats()
     is_cubic = sampler.interpolation == "CUBICSPLINE"

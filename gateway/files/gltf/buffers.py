@@ -1,7 +1,5 @@
 """Buffers and buffer views. Their bytes come from data URIs, a resolver of files, or the binary chunk of a ``.glb``."""
 
-from __future__ import annotations
-
 import hashlib
 import re
 from collections.abc import Callable
@@ -79,8 +77,7 @@ class Buffers:
     def view(self, index: int, path: str) -> BufferView:
         """Return ``bufferViews[index]``, to which the property ``path`` refers.
 
-        Raises:
-            GltfError: The index is out of range, the view is beyond its buffer, or the buffer cannot be read.
+        Raises GltfError if it is out of range, beyond its buffer, or the buffer cannot be read.
         """
         if (decompressed := self._decompressed.get(index)) is not None:
             return decompressed
@@ -147,8 +144,7 @@ class Buffers:
     def from_uri(self, json_uri: str, path: str) -> Buffer:
         """Return the bytes of a data URI or, through the resolver, of a file.
 
-        Args:
-            json_uri: String from the JSON: a URI, or the placeholder of one in ``Container.data_uris``.
+        ``json_uri``: a URI, or the placeholder of one in ``Container.data_uris``.
         """
         uri = self._container.data_uris.get(json_uri, json_uri)
         if isinstance(uri, str) and uri[:5].lower() != "data:":
@@ -166,11 +162,7 @@ class Buffers:
             raise GltfError(f"{path}: not a valid data URI: {error}") from error
 
     def count_bytes(self, nbytes: int, path: str) -> None:
-        """Count bytes towards ``max_buffer_bytes`` before they are allocated.
-
-        Raises:
-            GltfLimitError: The limit is exceeded.
-        """
+        """Count bytes towards ``max_buffer_bytes`` before they are allocated. Raises GltfLimitError above it."""
         if self._nbytes + nbytes > self._limits.max_buffer_bytes:
             raise GltfLimitError(f"{path}: the buffers exceed max_buffer_bytes = {self._limits.max_buffer_bytes}")
         self._nbytes += nbytes
@@ -196,8 +188,7 @@ def _hashed(data: bytes | memoryview) -> Buffer:
 def decode_data_uri(uri: str | memoryview) -> bytes:
     """Return the data of ``data:[mime][;parameter]...[;base64],text``. The MIME type is ignored: Drake's is wrong.
 
-    Raises:
-        ValueError: There is no comma, or the text is not base64.
+    Raises ValueError without a comma, or if the text is not base64.
     """
     beginning = uri[:_MAX_HEADER_BYTES] if isinstance(uri, str) else bytes(uri[:_MAX_HEADER_BYTES]).decode("latin-1")
     header, comma, _ = beginning.partition(",")

@@ -1,7 +1,5 @@
 """First step of reading: split a ``.glb`` or ``.gltf`` file into its JSON text and its embedded binary data."""
 
-from __future__ import annotations
-
 import re
 import struct
 from dataclasses import dataclass
@@ -34,11 +32,7 @@ class Container:
 
 
 def open_container(data: bytes | bytearray | memoryview) -> Container:
-    """Split a file into its JSON text and its binary data.
-
-    Raises:
-        GltfError: The header or the chunks of a ``.glb`` do not fit its length, or the file is not glTF.
-    """
+    """Split a file into its JSON text and its binary data. Raises GltfError if it is not glTF, or cut off."""
     file = memoryview(data).cast("B")
     magic = bytes(file[:4])
     if magic == _MAGIC:

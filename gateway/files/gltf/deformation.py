@@ -1,7 +1,5 @@
 """Deforms vertices by morph targets and skins, as the nodes of a document pose them."""
 
-from __future__ import annotations
-
 import hashlib
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -64,14 +62,9 @@ class Deformation(msgspec.Struct, frozen=True, gc=False, eq=False):
         return sha256.digest()
 
     def apply(self, attributes: dict[str, Floats], begin: int, name: str, warnings: list[str]) -> None:
-        """Deform the attributes of consecutive vertices in place, morph targets first.
+        """Deform the attributes of consecutive vertices from ``begin`` on in place, morph targets first.
 
-        Args:
-            attributes: Arrays of (number of vertices, components) by name.
-            begin: Index of the first vertex in the accessors.
-
-        Raises:
-            GltfError: A vertex refers to a joint that the skin does not have.
+        Raises GltfError if a vertex refers to a joint that the skin does not have.
         """
         end = begin + len(attributes["POSITION"])
         with np.errstate(all="ignore"):  # meshes leave out vertices that are not finite
@@ -102,15 +95,8 @@ def _skin(
     """Multiply each vertex, in place, by the weighted mean of its joints' matrices (linear blend skinning).
 
     Directions are multiplied by the linear part of the mean, which is exact unless a joint scales its axes differently;
-    their lengths may change.
-
-    Args:
-        joints: (N, K), indices of matrices.
-        weights: (N, K).
-        joint_matrices: (number of joints, 3, 4).
-
-    Returns:
-        Number of vertices without weights, which follow their first joint.
+    their lengths may change. ``joints``, (N, K), are indices of ``joint_matrices``, (J, 3, 4). Returns the number of
+    vertices without weights, which follow their first joint.
     """
     only_first = np.arange(weights.shape[1]) == 0
     unbound = 0

@@ -5,8 +5,6 @@ robot moves, the text before the member ``nodes`` (accessors, buffers, materials
 stays the same. The SHA-256 of that text is the key; only the text from ``nodes`` on is parsed again.
 """
 
-from __future__ import annotations
-
 import hashlib
 import re
 from collections.abc import Mapping
@@ -43,10 +41,7 @@ class HashedDocument:
     """The bytes of a ``.gltf`` or ``.glb`` file and their digests, computed with the GIL released."""
 
     def __init__(self, data: bytes | bytearray) -> None:
-        """
-        Args:
-            data: The file; must not change.
-        """
+        """``data``: the file, which must not change."""
         self.data: Final = data
         self.nodes_offset: Final = _nodes_offset(data)
         """Offset in bytes of the member ``nodes``; 0 if the cache cannot be used for this document."""
@@ -140,8 +135,7 @@ class GltfCache:
     def add(self, document: HashedDocument, container: Container, limits: GltfLimits, content: DocumentContent) -> None:
         """Keep the content of a document, if its text can be split before its nodes.
 
-        Args:
-            container: Result of ``open_container`` for the document.
+        ``container``: result of ``open_container`` for it.
         """
         entry = _new_entry(document, container, content)
         if entry is not None:
@@ -199,8 +193,7 @@ def _unchanging(members: dict[str, msgspec.Raw]) -> dict[str, msgspec.Raw]:
 def _parse_suffix(text: bytes, entry: _Entry, limits: GltfLimits) -> schema.Document | None:
     """Return a document with its nodes and scenes; None if the whole document must be read, or is beyond a limit.
 
-    Args:
-        text: JSON text from the name of the member ``nodes`` to the end.
+    ``text``: JSON text from the name of the member ``nodes`` to the end.
     """
     json_bytes = entry.prefix_json_bytes + len(text)
     if json_bytes > limits.max_json_bytes:

@@ -1,7 +1,5 @@
 """Decompresses primitives of KHR_draco_mesh_compression, with the package DracoPy in a child process."""
 
-from __future__ import annotations
-
 import hashlib
 from collections.abc import Mapping
 from importlib.util import find_spec
@@ -44,17 +42,11 @@ class DracoMeshes:
         indices: Accessor | None,
         name: str,
     ) -> tuple[dict[str, Accessor], Accessor]:
-        """Return the attributes of a primitive, and its vertex indices: three for each triangle.
+        """Return the attributes of a primitive, and its vertex indices, three for each triangle, decompressed.
 
         Their counts are those of the compressed mesh, as in other readers: some exporters leave the accessors as they
-        were before the compression, which may add vertices.
-
-        Args:
-            attributes: The primitive's accessors by attribute. Those of compressed attributes are replaced.
-            indices: The primitive's accessor of vertex indices. It is replaced.
-
-        Raises:
-            GltfError: The data cannot be decompressed, or has not the attributes of the primitive.
+        were before the compression, which may add vertices. Raises GltfError if the data cannot be decompressed, or has
+        not the attributes of the primitive.
         """
         if self._document.merged_by_drake:
             raise GltfError(f"{name}: Drake's merge does not adapt the index of the buffer view")

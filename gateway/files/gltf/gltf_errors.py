@@ -1,7 +1,5 @@
 """Exceptions of the reader, their conversion to warnings, and checked access to the arrays of a document."""
 
-from __future__ import annotations
-
 from typing import Final, TypeVar
 
 from renderers.drawlist import ImageError
@@ -26,11 +24,7 @@ class as_warning:  # noqa: N801  # used like the functions of contextlib, which 
     __slots__ = ("_consequence", "_warnings")
 
     def __init__(self, warnings: list[str], consequence: str) -> None:
-        """
-        Args:
-            warnings: The warning is appended to this list.
-            consequence: What is done instead, for the end of the warning.
-        """
+        """``consequence``: what is done instead, for the end of the warning that is appended."""
         self._warnings, self._consequence = warnings, consequence
 
     def __enter__(self) -> None:
@@ -47,12 +41,8 @@ class as_warning:  # noqa: N801  # used like the functions of contextlib, which 
 def checked_item(items: list[T | None] | None, index: object, array_name: str, path: str) -> T:
     """Return ``items[index]``, where ``index`` comes from the document.
 
-    Args:
-        array_name: Name of the array in the document, for the message.
-        path: Property that holds the index, such as ``accessors[3].bufferView``, for the message.
-
-    Raises:
-        GltfError: The index is not an integer or out of range, or the item is null or invalid.
+    Raises GltfError with ``array_name`` and ``path``, the property that holds the index, if it is not an integer or out
+    of range, or the item is null or invalid.
     """
     if type(index) is int and items is not None and 0 <= index < len(items):
         item = items[index]

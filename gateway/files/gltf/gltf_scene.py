@@ -1,7 +1,5 @@
 """A scene read from a glTF document, the result of ``read_gltf``: its tree, its cameras, and names of its meshes."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Final, Literal, TypeAlias
@@ -162,11 +160,7 @@ def _optical_pose(X_world_node: Matrix) -> Matrix:
 
 
 def mesh_names(nodes: SceneNodes, meshes: list[schema.GltfMesh | None] | None) -> dict[int, str]:
-    """Return a name for each mesh in use, by mesh index. Meshes without a name are called after their first node.
-
-    Args:
-        meshes: Meshes of the document.
-    """
+    """Return a name for each mesh in use, by mesh index. Meshes without a name are called after their first node."""
     names: dict[int, str] = {}
     used: dict[str, int] = {}
     for position, mesh in enumerate(nodes.meshes):
@@ -210,9 +204,8 @@ def _names(nodes: SceneNodes) -> list[str]:
 def _unique(name: str, last_numbers: dict[str, int]) -> str:
     """Return ``name``, or the first of ``name#2``, ``name#3`` ... that no sibling has.
 
-    Args:
-        last_numbers: The last number tried, by the names of the siblings; the result is added. With 100,000 equal
-            names, trying all numbers for each name would take minutes.
+    ``last_numbers``: the last number tried, by name; extended here. With 100,000 equal names, trying all numbers for
+    each name would take minutes.
     """
     candidate, number = name, last_numbers.get(name, 1)
     while candidate in last_numbers:

@@ -4,8 +4,6 @@ An invalid light is left out with a warning, because only some looks use lights,
 adapt the references to lights when it merges several files.
 """
 
-from __future__ import annotations
-
 import math
 from typing import Final
 
@@ -34,11 +32,9 @@ def read_lights(document: schema.Document, warnings: list[str]) -> list[schema.G
 def place_lights(
     sources: list[schema.GltfLight | None], nodes: SceneNodes, limit: int, warnings: list[str]
 ) -> tuple[Light, ...]:
-    """Return the lights of the scene's nodes, in the document's world frame.
+    """Return the lights of the scene's nodes from the result of ``read_lights``, in the document's world frame.
 
-    Args:
-        sources: Result of ``read_lights``.
-        limit: Maximum number of lights; further lights are left out with a warning.
+    Lights beyond the limit are left out with a warning.
     """
     lights: list[Light] = []
     if not sources:
@@ -58,11 +54,7 @@ def place_lights(
 
 
 def _light(source: schema.GltfLight, name: str, X_world_node: Matrix, warnings: list[str]) -> Light:
-    """Return a light at the pose of its node.
-
-    Raises:
-        GltfError: A property is invalid, or the node's transform has no direction.
-    """
+    """Return a light at the pose of its node. Raises GltfError if a property is invalid, or it has no direction."""
     try:
         kind = LightKind(source.type)
     except ValueError:

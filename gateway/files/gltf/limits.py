@@ -1,7 +1,5 @@
 """Limits of the documents that the reader accepts."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 

@@ -1,7 +1,5 @@
 """Materials of a document, and the labels that Drake's client encodes in them."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import fields, replace
 from typing import Any, Final, TypeVar
@@ -55,11 +53,7 @@ class Materials:
         *,
         from_drake: bool = False,
     ) -> None:
-        """
-        Args:
-            from_drake: True for a document from Drake's render client.
-            variant: Name of a variant of KHR_materials_variants; None: the default materials.
-        """
+        """``from_drake``: True for a document from Drake's render client. ``variant``: as for ``read_gltf``."""
         self._sources = document.materials
         self._warnings = warnings
         self._variant = None if variant is None else _variant_index(document, variant, warnings)
@@ -70,11 +64,7 @@ class Materials:
         """Materials by index in the document, and True if VTK's exporter wrote the primitive."""
 
     def get(self, primitive: schema.GltfPrimitive, name: str) -> Material:
-        """Return the material of a primitive; ``DEFAULT_MATERIAL`` if it has none, or one that cannot be read.
-
-        Raises:
-            GltfLimitError: Images are beyond the limits.
-        """
+        """Return the material of a primitive; ``DEFAULT_MATERIAL`` without a readable one. Raises GltfLimitError."""
         with as_warning(self._warnings, f"{name} has the default material"):
             index = self._material_index(primitive, name)
             if index is None:
@@ -98,18 +88,11 @@ class Materials:
         return primitive.material
 
     def is_from_vtk(self, primitive: schema.GltfPrimitive) -> bool:
-        """Return True for a primitive that VTK's exporter wrote for Drake's client.
-
-        Other exporters may write the same material, but VTK's never writes normals or vertex colours.
-        """
+        """Return True for a primitive of VTK's exporter for Drake's client, which never writes normals nor colours."""
         return self._from_drake and resembles_drake(primitive, self._sources or [])
 
     def _read(self, source: schema.GltfMaterial, name: str, from_vtk: bool) -> Material:
-        """Read a material.
-
-        Args:
-            from_vtk: True for a material of VTK's exporter, which writes neither ``alphaMode`` nor ``doubleSided``.
-        """
+        """Read a material. ``from_vtk``: its exporter writes neither ``alphaMode`` nor ``doubleSided``."""
         pbr = source.pbr_metallic_roughness or schema.MetallicRoughness()
         base_color = self._vector(pbr.base_color_factor, f"{name}.pbrMetallicRoughness.baseColorFactor", _WHITE)
         if not all(-_ROUNDING <= factor <= 1.0 + _ROUNDING for factor in base_color):

@@ -1,7 +1,5 @@
 """Adds nodes for instances and skinned meshes, and finds the poses of deformed meshes."""
 
-from __future__ import annotations
-
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -40,20 +38,11 @@ class _AddedNodes(NamedTuple):
 def expand_mesh_nodes(
     document: schema.Document, nodes: SceneNodes, accessors: Accessors, limits: GltfLimits, warnings: list[str]
 ) -> tuple[SceneNodes, dict[int, MeshPose]]:
-    """Return the nodes with instances and skinned meshes as further nodes, and the poses of deformed meshes.
+    """Return the nodes with instances and skinned meshes as further nodes, and poses by position of deformed meshes.
 
     An instance becomes a child of its node. A mesh with a skin becomes a root: the transform of its own node does not
-    apply to it (glTF 2.0, 3.7.3.3).
-
-    Args:
-        warnings: Warnings are appended to this list, such as those about a skin or instances that cannot be read. The
-            node is then drawn without them.
-
-    Returns:
-        The nodes, and poses by position in them. Nodes without an entry have the morph weights of their mesh.
-
-    Raises:
-        GltfLimitError: A limit is exceeded.
+    apply to it (glTF 2.0, 3.7.3.3). A node whose skin or instances cannot be read is drawn without them, with a
+    warning. Nodes without a pose have the morph weights of their mesh. Raises GltfLimitError.
     """
     skins = _Skins(document, nodes, accessors)
     weights_of_mesh: dict[int, tuple[float, ...]] = {}
@@ -131,13 +120,10 @@ class _Skins:
         self._skins: dict[int, tuple[NDArray[np.float64], NDArray[np.float32]]] = {}
 
     def get(self, index: int, path: str) -> tuple[NDArray[np.float64], NDArray[np.float32]]:
-        """Return the pose of the meshes with a skin, and the matrices of its joints.
+        """Return X_world_mesh of the meshes with a skin, (4, 4), and the matrices of its joints, (J, 3, 4).
 
         The pose is a translation to the first joint. The joint matrices are relative to it, so their float32 values
         stay exact far from the origin.
-
-        Returns:
-            X_world_mesh, (4, 4); joint matrices, (number of joints, 3, 4), as in ``MeshPose``.
         """
         if index not in self._skins:
             self._skins[index] = self._read(checked_item(self._sources, index, "skins", path), f"skins[{index}]")

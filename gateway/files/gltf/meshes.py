@@ -1,7 +1,5 @@
 """Reads primitives as ``Mesh`` objects; primitives of equal content and pose share one object."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any, Final
@@ -97,14 +95,9 @@ class Meshes:
     """Bytes of all meshes, each counted once."""
 
     def read(self, primitive: GltfPrimitive, name: str, pose: MeshPose = REST, *, smooth: bool = False) -> Mesh | None:
-        """Return the mesh of a primitive; None if it draws nothing.
+        """Return the mesh of a primitive in a pose; None if it draws nothing.
 
-        Args:
-            pose: The state that deforms the mesh.
-            smooth: True: compute smooth normals for triangles without stored normals; False: they are flat.
-
-        Raises:
-            GltfError: A reference or an index is out of range, or a limit is exceeded.
+        ``smooth``: compute smooth normals for triangles without stored ones, which are flat else. Raises GltfError.
         """
         check_stop()
         checked = self._check(primitive, name, pose, smooth)
@@ -202,11 +195,7 @@ class Meshes:
             return stored, indices, mode
 
     def _count(self, new_vertices: int, new_elements: int, name: str) -> None:
-        """Count vertices and elements towards the limits before they are allocated.
-
-        Raises:
-            GltfLimitError: A limit is exceeded.
-        """
+        """Count vertices and elements towards the limits before they are allocated. Raises GltfLimitError."""
         limits = self._limits
         self._vertex_count += new_vertices
         self._element_count += new_elements
@@ -251,8 +240,7 @@ class Meshes:
     ) -> Mesh | None:
         """Read the attributes of the vertices from ``begin`` to before ``end``. The mesh's arrays are read-only.
 
-        Args:
-            elements: (M, 1 | 2 | 3) uint32, vertex indices minus ``begin``.
+        ``elements``: (M, 1 | 2 | 3) vertex indices minus ``begin``.
         """
         attributes = {
             name: accessor.floats(begin, end)
@@ -306,14 +294,7 @@ def _has_color(accessor: Accessor) -> bool:
 
 
 def _index_range(checked: _CheckedPrimitive, accessor: Accessor, indices: NDArray[Any]) -> tuple[int, int]:
-    """Return the smallest and the largest index.
-
-    Args:
-        indices: (N,), N > 0, values of ``accessor``.
-
-    Raises:
-        GltfError: An index is beyond the vertices.
-    """
+    """Return the smallest and the largest of the indices, (N,), N > 0. Raises GltfError if one is too large."""
     min_index, max_index = int(np.minimum.reduce(indices)), int(np.maximum.reduce(indices))
     position = checked.attributes["POSITION"]
     if min_index < 0 or max_index >= position.count:

@@ -1,7 +1,5 @@
 """Decompresses buffer views of KHR_meshopt_compression, and of EXT_meshopt_compression, which is a part of it."""
 
-from __future__ import annotations
-
 from typing import Any, Final, TypeAlias
 
 import numpy as np
@@ -23,11 +21,7 @@ _ELEMENTS_PER_STOP_CHECK: Final = 1 << 16
 
 
 def decompress(source: schema.MeshoptCompression, compressed: bytes | memoryview, path: str) -> memoryview:
-    """Return the content of a buffer view: ``count * byteStride`` bytes.
-
-    Raises:
-        GltfError: A property has a value that is not allowed, or the bytes cannot be decompressed.
-    """
+    """Return the content of a buffer view: ``count * byteStride`` bytes. Raises GltfError if it is damaged."""
     count, stride = checked_layout(source, path)
     if count == 0:
         return memoryview(b"")
@@ -46,8 +40,7 @@ def decompress(source: schema.MeshoptCompression, compressed: bytes | memoryview
 def checked_layout(source: schema.MeshoptCompression, path: str) -> tuple[int, int]:
     """Return ``count`` and ``byteStride`` of a buffer view, which give its size.
 
-    Raises:
-        GltfError: They are missing or not allowed for the mode, or the mode is unknown.
+    Raises GltfError if they are missing or not allowed for the mode, or the mode is unknown.
     """
     count, stride = source.count, source.byte_stride
     if count is None or count < 0:
@@ -89,13 +82,9 @@ def _apply_filter(elements: ElementBytes, filter_name: str | None, path: str) ->
 
 
 def _decode_octahedral(values: NDArray[Any]) -> NDArray[Any]:
-    """Return unit vectors from octahedral coordinates.
+    """Return unit vectors, normalized integers, from octahedral coordinates, (N, 4) int8 or int16.
 
-    Args:
-        values: (N, 4) int8 or int16: x, y, the integer that stands for 1 in both, and a value that stays as it is.
-
-    Returns:
-        (N, 4) of the same dtype: x, y and z as normalized integers, and the fourth value.
+    The columns are x, y, the integer that stands for 1 in both, and a value that stays as it is.
     """
     x, y, one = values[:, :3].astype(np.float32).T
     z = one - (np.abs(x) + np.abs(y))
@@ -109,14 +98,10 @@ def _decode_octahedral(values: NDArray[Any]) -> NDArray[Any]:
 
 
 def _decode_quaternions(values: NDArray[np.int16]) -> NDArray[np.int16]:
-    """Return unit quaternions from their three smallest components.
+    """Return unit quaternions, normalized integers, from their three smallest components, (N, 4) int16.
 
-    Args:
-        values: (N, 4) int16: three components, and a value whose two lowest bits are the index of the fourth. With both
-            bits set, this value is the integer that stands for 1 / sqrt(2).
-
-    Returns:
-        (N, 4) int16, normalized integers.
+    The two lowest bits of the last column are the index of the fourth component. With both bits set, it is the integer
+    that stands for 1 / sqrt(2).
     """
     omitted = values[:, 3] & 3
     scale = np.float32(np.sqrt(0.5)) / (values[:, 3] | 3).astype(np.float32)
@@ -138,14 +123,10 @@ def _decode_exponential(values: NDArray[np.int32]) -> NDArray[np.float32]:
 
 
 def _decode_colors(values: NDArray[Any]) -> NDArray[Any]:
-    """Return RGBA from YCoCg and alpha.
+    """Return RGBA, normalized integers, from YCoCg and alpha, (N, 4) uint8 or uint16.
 
-    Args:
-        values: (N, 4) uint8 or uint16: Y, signed Co and Cg, and alpha with one bit less. Above its bits, alpha has a
-            bit of 1, which gives the number of bits of all four.
-
-    Returns:
-        (N, 4) of the same dtype, normalized integers.
+    The columns are Y, signed Co and Cg, and alpha with one bit less. Above its bits, alpha has a bit of 1, which gives
+    the number of bits of all four.
     """
     luma, alpha = values[:, 0].astype(np.int32), values[:, 3].astype(np.int32)
     orange, green = values[:, 1:3].view(f"i{values.itemsize}").astype(np.int32).T

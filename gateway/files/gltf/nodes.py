@@ -1,7 +1,5 @@
 """Nodes of a document's scene: their order, and their local and world matrices."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import chain
@@ -58,12 +56,9 @@ class SceneNodes:
 
 
 def read_nodes(document: schema.Document, limits: GltfLimits) -> SceneNodes:
-    """Return the nodes of the document's default scene.
+    """Return the nodes of the document's default scene. Raises GltfLimitError.
 
     A node that several nodes list as a child belongs to the first of them. Cycles therefore end.
-
-    Raises:
-        GltfLimitError: A limit is exceeded.
     """
     nodes = document.nodes or []
     warnings: list[str] = []
@@ -158,10 +153,7 @@ def _roots(document: schema.Document, visited: set[int], warnings: list[str]) ->
     """Return the indices of the root nodes, and the name of the property that lists them, for messages.
 
     The roots are those of the default scene, or else of the first one. In a document without scenes, all nodes without
-    a parent are roots, and then one node of each cycle.
-
-    Args:
-        visited: Indices of the nodes in the scene so far. The result reads it while the caller adds nodes.
+    a parent are roots, and then one node of each cycle. The result reads ``visited`` while the caller adds nodes.
     """
     if document.scenes:
         index = document.scene or 0
@@ -177,13 +169,9 @@ def _roots(document: schema.Document, visited: set[int], warnings: list[str]) ->
 
 
 def _local_matrices(nodes: list[schema.GltfNode], indices: list[int], warnings: list[str]) -> NDArray[np.float64]:
-    """Return X_parent_node of each node. A property with the wrong number of numbers is ignored.
+    """Return X_parent_node of each node, (N, 4, 4). A property with the wrong number of numbers is ignored.
 
-    Args:
-        indices: Indices of the nodes in the document, for messages.
-
-    Returns:
-        (N, 4, 4) float64. The last row of each matrix is exactly (0, 0, 0, 1).
+    The last row of each matrix is exactly (0, 0, 0, 1). ``indices``: those in the document, for messages.
     """
 
     def values_of(selected: list[int], name: str, default: tuple[float, ...]) -> NDArray[np.float64]:
@@ -230,14 +218,9 @@ def _local_matrices(nodes: list[schema.GltfNode], indices: list[int], warnings: 
 def _world_matrices(
     X_parent_node: NDArray[np.float64], parents: list[int], levels: list[list[int]]
 ) -> NDArray[np.float64]:
-    """Return X_world_node of each node: the product of the matrices from its root to the node.
+    """Return X_world_node of each node, (N, 4, 4), not finite where a product overflows.
 
-    Args:
-        parents: Position of each node's parent; -1 for roots.
-        levels: For each depth, roots first: the positions of its nodes.
-
-    Returns:
-        (N, 4, 4) float64; not finite where a product overflows.
+    ``parents``: position of each node's parent; -1 for roots. ``levels``: positions of the nodes by depth, roots first.
     """
     if len(levels) < 2:
         return X_parent_node

@@ -1,7 +1,5 @@
 """Parses the JSON text of a document, and of its extensions, to the types of ``schema``."""
 
-from __future__ import annotations
-
 import functools
 import json
 import re
@@ -99,8 +97,7 @@ _type_info: Final = functools.cache(inspect.type_info)
 def parse_document(text: bytes, limits: GltfLimits, warnings: list[str]) -> Document:
     """Parse JSON ``text`` (UTF-8, with or without a byte order mark).
 
-    Raises:
-        GltfError: The text is not a JSON object, or beyond ``limits``.
+    Raises GltfError if it is not a JSON object, or beyond ``limits``.
     """
     if len(text) > limits.max_json_bytes:
         raise GltfLimitError(f"the JSON text has {len(text)} bytes, more than max_json_bytes = {limits.max_json_bytes}")
@@ -123,13 +120,9 @@ def extension(
 ) -> _Object | None:
     """Return an extension as a ``type_``; None if it is absent or null.
 
-    An extension that is not an object is None, too, with a warning, if ``type_`` has no essential properties.
-
-    Args:
-        path: The object with the extension, for messages; empty for the document.
-
-    Raises:
-        GltfError: ``type_`` has essential properties, and one of them or the extension itself has a wrong type.
+    An extension that is not an object is None, too, with a warning, if ``type_`` has no essential properties. If it
+    has, GltfError is raised for a wrong type of it or of one of them. ``path``: the object with the extension; empty
+    for the document.
     """
     raw = extensions.get(name) if extensions else None
     if raw is None or bytes(raw) == b"null":
@@ -172,12 +165,10 @@ def _parse_float(text: str) -> float:
 
 
 def _convert(value: Any, info: inspect.Type, path: str, warnings: list[str]) -> Any:
-    """Return a parsed JSON value as a type of the schema.
+    """Return a parsed JSON value as a type of the schema. For items of lists see ``_convert_item``.
 
-    A property of a wrong type becomes None, with a warning. For items of lists see ``_convert_item``.
-
-    Raises:
-        GltfError: The value, or an essential property in it, has a wrong type.
+    A property of a wrong type becomes None, with a warning. Raises GltfError if the value, or an essential property in
+    it, has one.
     """
     if isinstance(info, inspect.UnionType):
         if value is None:
@@ -237,11 +228,7 @@ def _child_path(path: str, name: str) -> str:
 
 
 def check_version(document: Document, warnings: list[str]) -> None:
-    """Warn about a document that needs a later minor version than 2.0.
-
-    Raises:
-        GltfError: The document has another major version.
-    """
+    """Warn of a document that needs a later minor version than 2.0. Raises GltfError for another major version."""
     if document.asset is None:
         return
     for name, version in (("version", document.asset.version), ("minVersion", document.asset.min_version)):
@@ -266,11 +253,7 @@ def check_extensions(document: Document, warnings: list[str]) -> None:
 def vector_or_default(
     values: list[float] | None, path: str, default: tuple[float, ...], warnings: list[str]
 ) -> tuple[Any, ...]:
-    """Return ``values`` as a tuple; ``default`` for None or, with a warning, for a wrong number of values.
-
-    Args:
-        default: Default value. Its length is the required length of ``values``.
-    """
+    """Return ``values`` as a tuple; ``default`` for None or, with a warning, if they are not as many."""
     if values is None:
         return default
     if len(values) != len(default):

@@ -1,7 +1,5 @@
 """Reads the primitives of the meshes in use as parts."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from typing import TypeAlias
 
@@ -39,16 +37,11 @@ class PartReader:
         """Sentences about primitives that are left out."""
 
     def read(self, nodes: SceneNodes, poses: Mapping[int, MeshPose]) -> tuple[dict[int, Parts], dict[int, Parts]]:
-        """Return the parts of each mesh in use, by mesh index, and those of each node with a pose, by position.
+        """Return the parts of each mesh in use, by mesh index, and those of nodes with a pose of their own, by
+        position.
 
         Sentences about nodes whose mesh is missing are appended to ``nodes.warnings``: they do not hold for a document
-        with other nodes.
-
-        Args:
-            poses: Poses of the nodes with parts of their own, by position in ``nodes``.
-
-        Raises:
-            GltfError: A limit is exceeded, or nothing can be drawn.
+        with other nodes. Raises GltfError if a limit is exceeded, or nothing can be drawn.
         """
         parts_of_mesh: dict[int, Parts] = {}
         posed_parts: dict[int, Parts] = {}
@@ -71,11 +64,9 @@ class PartReader:
         return parts_of_mesh, posed_parts
 
     def _read_mesh(self, index: int, path: str, pose: MeshPose | None, missing: list[str]) -> Parts:
-        """Return the parts of ``meshes[index]``.
+        """Return the parts of ``meshes[index]`` in a pose; None: the stored one.
 
-        Args:
-            pose: None: the pose in which the mesh is stored.
-            missing: A sentence is appended to this list if there is no such mesh, or nothing in it.
+        A sentence is appended to ``missing`` if there is no such mesh, or nothing in it.
         """
         with as_warning(missing, "the node has no mesh"):
             mesh = checked_item(self._document.meshes, index, "meshes", path)

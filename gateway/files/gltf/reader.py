@@ -9,8 +9,6 @@
 A document that differs from an earlier one only in its nodes needs no step 3 (``document_cache``).
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from typing import Final
 
@@ -136,11 +134,7 @@ def _resembles_drake(document: Document) -> bool:
 
 
 def read_mesh_names(data: bytes) -> frozenset[str]:
-    """Return the names of the meshes in use, as ``GltfScene.models`` has them, without reading the meshes.
-
-    Raises:
-        GltfError: The document cannot be read.
-    """
+    """Return the names of the meshes in use, as in ``GltfScene.models``, without reading them. Raises GltfError."""
     document = parse_document(open_container(data).json, _DEFAULT_LIMITS, [])
     return frozenset(mesh_names(read_nodes(document, _DEFAULT_LIMITS), document.meshes).values())
 
@@ -174,11 +168,7 @@ def _combine(content: DocumentContent, nodes: SceneNodes, limits: GltfLimits) ->
 
 
 def _node_parts(content: DocumentContent, nodes: SceneNodes, limits: GltfLimits) -> tuple[NodeParts, int, int]:
-    """Return the parts of each node, and two totals: the number of parts, and of their elements.
-
-    Raises:
-        GltfLimitError: ``max_instances`` or ``max_drawn_elements`` is exceeded.
-    """
+    """Return the parts of each node, and the total numbers of parts and of their elements. Raises GltfLimitError."""
     node_parts: NodeParts = []
     instance_count = element_count = 0
     for scene_index, (node, mesh) in enumerate(zip(nodes.indices, nodes.meshes, strict=True)):

@@ -5,8 +5,6 @@ property whose value has another type than declared here. In a list of objects, 
 ``GltfError``.
 """
 
-from __future__ import annotations
-
 from typing import ClassVar, Final, TypeAlias
 
 import msgspec

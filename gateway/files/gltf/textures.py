@@ -1,7 +1,5 @@
 """Textures, samplers and images of a document. Images are not decoded; only their headers are read."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass, field
 from typing import Final
@@ -52,8 +50,7 @@ class Textures:
     def get(self, info: schema.TextureInfo | None, path: str) -> Texture | None:
         """Return the texture of a material's property; None if there is none, or none that can be read.
 
-        Raises:
-            GltfLimitError: Images are beyond the limits.
+        Raises GltfLimitError if images are beyond the limits.
         """
         if info is None:
             return None
@@ -159,12 +156,7 @@ class Textures:
         return image, name
 
     def _count_pixels(self, data: memoryview, name: str) -> None:
-        """Count an image's pixels towards the limits.
-
-        Raises:
-            GltfLimitError: A limit is exceeded.
-            ImageError: The image's format is unknown, or its header is broken.
-        """
+        """Count an image's pixels towards the limits. Raises GltfLimitError, or ImageError if its header is broken."""
         pixels = image_header(data, name).pixels
         self._total_pixels += pixels
         limits = self._limits

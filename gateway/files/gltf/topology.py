@@ -1,7 +1,5 @@
 """Converts index lists of any primitive mode (strips, fans, loops) to separate points, lines or triangles."""
 
-from __future__ import annotations
-
 from typing import Any, Final
 
 import numpy as np
@@ -48,15 +46,9 @@ def restart_index(mode: int, indices: NDArray[Any]) -> int | None:
 
 
 def separate_elements(mode: int, indices: NDArray[Any], restart: int | None = None) -> NDArray[np.uint32]:
-    """Return the points, lines or triangles of a primitive. Winding is kept; an incomplete last element is dropped.
+    """Return the points, lines or triangles of a primitive as a copy, (M, 1 | 2 | 3), C-contiguous.
 
-    Args:
-        mode: ``primitive.mode``, 0 .. 6.
-        indices: (N,) of any unsigned integer type.
-        restart: as ``restart_index`` returns it.
-
-    Returns:
-        (M, 1 | 2 | 3) uint32, C-contiguous: a copy.
+    Winding is kept; an incomplete last element is dropped. ``restart`` is the result of ``restart_index``.
     """
     count = element_count(mode, len(indices))
     if mode in _INDICES_PER_ELEMENT:

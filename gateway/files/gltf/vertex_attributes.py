@@ -1,7 +1,5 @@
 """Converts vertex attributes to the form that ``Mesh`` requires: finite numbers, RGBA, directions of unit length."""
 
-from __future__ import annotations
-
 from typing import Any, Final
 
 import numpy as np
@@ -29,10 +27,6 @@ def unit_normals(values: Floats, positions: Floats, elements: NDArray[np.uint32]
     """Return normals at unit length, or None if no row has a direction.
 
     A vertex whose normal has no direction (zero or not finite) gets the normal of one of its triangles.
-
-    Args:
-        positions: (N, 3) float32, finite.
-        elements: (M, 1 | 2 | 3) uint32.
     """
     normals, invalid = unit_rows(values)
     if invalid.all():
@@ -73,13 +67,9 @@ def without_invalid_vertices(positions: Floats, elements: NDArray[np.uint32]) ->
 
 
 def unit_rows(vectors: NDArray[Any]) -> tuple[Floats, NDArray[np.bool_]]:
-    """Scale rows to unit length; return them as they are if all lengths are 1 within 0.1 %.
+    """Scale rows, (N, 3), to unit length; return them as they are if all lengths are 1 within 0.1 %.
 
-    Args:
-        vectors: (N, 3), floating point.
-
-    Returns:
-        (N, 3) float32, and (N,) bool: True for rows without a direction (zero or not finite), which are not scaled.
+    Also returns True, (N,), for rows without a direction (zero or not finite), which are not scaled.
     """
     invalid = np.zeros(len(vectors), np.bool_)
     block_size = _ROWS_PER_STOP_CHECK

@@ -1,7 +1,5 @@
 """Reads COLLADA files with the package pycollada. Nodes and geometry are counted before they are expanded."""
 
-from __future__ import annotations
-
 import io
 from collections.abc import Iterator
 from typing import Any, Final
@@ -31,11 +29,7 @@ _UP_AXES: Final = {"X_UP": np.array(_X_UP), "Y_UP": np.array(_Y_UP), "Z_UP": np.
 
 @np.errstate(all="ignore")  # transforms that overflow give a warning of their own
 def read_collada(data: bytes, read_file: ReadFile, options: MeshOptions) -> MeshData:
-    """Return the content of a COLLADA file, in metres.
-
-    Raises:
-        MeshFaultError: The file is damaged, or beyond a limit.
-    """
+    """Return the content of a COLLADA file, in metres. Raises MeshFaultError if it is damaged, or beyond a limit."""
     data = data.lstrip()  # some files have a blank line before the XML declaration
     data = data.replace(b'="<', b'="&lt;')  # Assimp calls the root of STL files <STL_BINARY>
     data = _checked_document(data)
@@ -57,11 +51,7 @@ def read_collada(data: bytes, read_file: ReadFile, options: MeshOptions) -> Mesh
 
 
 def _without_lost_materials(document: Any, data: bytes) -> bytes:
-    """Return a document without its references to materials that could not be read: pycollada leaves out their meshes.
-
-    Args:
-        document: What pycollada read of ``data``.
-    """
+    """Return a document without references to materials that could not be read: pycollada leaves out their meshes."""
     root = ElementTree.fromstring(data)  # noqa: S314 - _checked_document refused what could be dangerous
     known = {f"#{material.id}" for material in document.materials}
     for parent in root.iter():
@@ -74,8 +64,7 @@ def _without_lost_materials(document: Any, data: bytes) -> bytes:
 def _checked_document(data: bytes) -> bytes:
     """Return a document without what follows it: some exporters leave rests of older files.
 
-    Raises:
-        MeshFaultError: The size or depth is beyond a limit, before a tree is built, or it is no XML.
+    Raises MeshFaultError if size or depth is beyond a limit, before a tree is built, or it is no XML.
     """
     parser = expat.ParserCreate()
     count = depth = last_tag = 0
@@ -118,10 +107,7 @@ class _SceneReader:
     """Collects the instances of geometry in a scene. Instances with the same materials share their shapes."""
 
     def __init__(self, options: MeshOptions, read_file: ReadFile, axes: NDArray[np.float64]) -> None:
-        """
-        Args:
-            axes: (4, 4) transform of the scene to metres and its up axis.
-        """
+        """``axes``: (4, 4) transform of the scene to metres and its up axis."""
         self._options = options
         self._axes = axes
         self._sizes: dict[int, tuple[int, int, int]] = {}
@@ -145,8 +131,7 @@ class _SceneReader:
     def _size(self, node: Any, level: int) -> tuple[int, int, int]:
         """Return the number of parts, nodes and levels in a node's subtree. A shared subtree is walked only once.
 
-        Raises:
-            MeshFaultError: There are too many levels.
+        Raises MeshFaultError if there are too many levels.
         """
         geometry = _geometry_of(node)
         if geometry is not None:
@@ -171,10 +156,9 @@ class _SceneReader:
         return size
 
     def _add(self, node: Any, X: NDArray[np.float64], name: str) -> None:
-        """Add the instances of a node and those below it. Recursion is limited by ``max_node_depth``.
+        """Add the instances of a node and those below it, called after the nearest node above that has a name.
 
-        Args:
-            name: Name of the nearest node above that has one.
+        Recursion is limited by ``max_node_depth``.
         """
         geometry = _geometry_of(node)
         if geometry is not None:

@@ -1,7 +1,5 @@
 """Decompresses Draco meshes with the package DracoPy. Damaged data can make it allocate gigabytes or crash."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import DracoPy

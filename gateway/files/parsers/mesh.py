@@ -46,12 +46,7 @@ _MAX_NAMED: Final = 5
 
 
 def read_mesh(read_file: ReadFile, data: bytes, extension: str, options: dict[str, Any]) -> MeshData | str:
-    """Return the content of a mesh file, or the reason why it cannot be used.
-
-    Args:
-        extension: obj, stl, ply, dae or vtk.
-        options: ``MeshOptions``.
-    """
+    """Return the content of an obj, stl, ply, dae or vtk file by ``MeshOptions``, or why it cannot be used."""
     try:
         result = _read(read_file, data, extension, msgspec.convert(options, MeshOptions))
     except MemoryError:
@@ -131,10 +126,7 @@ class _Resolver(trimesh.resolvers.Resolver):
     """Resolver that lets trimesh read files only through ``read_file``."""
 
     def __init__(self, read_file: ReadFile, textures: TextureFiles, libraries: list[str]) -> None:
-        """
-        Args:
-            libraries: Names of MTL files, as an OBJ file's statements ``mtllib`` have them.
-        """
+        """``libraries``: names of MTL files, as an OBJ file's statements ``mtllib`` have them."""
         self._read_file = read_file
         self._libraries = libraries
         self._textures = textures

@@ -1,7 +1,5 @@
 """Content of a mesh file: what a parser's child process sends to the program, and how it is made of arrays."""
 
-from __future__ import annotations
-
 import msgspec
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -94,9 +92,7 @@ def triangles_of_polygons(
 ) -> NDArray[np.int64]:
     """Return the (M, 3) triangles of convex polygons as fans.
 
-    Args:
-        indices: Vertices of all polygons.
-        starts, sizes: (N,), place of the first vertex of each polygon in ``indices``, and number of its vertices.
+    ``starts``, ``sizes``: (N,), place of the first vertex of each in ``indices``, and number of its vertices.
     """
     counts = np.maximum(sizes - 2, 0)
     first = np.repeat(starts, counts)
@@ -126,12 +122,10 @@ def shape_of(
     color: tuple[float, float, float, float] | None = None,
     image: int | None = None,
 ) -> Shape | None:
-    """Return a shape; None if it draws nothing.
+    """Return a shape; None if it draws nothing. (0, 0) of ``uv``, kept without an image, too, is bottom left.
 
-    Args:
-        warnings: A sentence is appended if vertices or texture coordinates are not finite in float32. Triangles of such
-            vertices are left out.
-        uv: Texture coordinates; (0, 0) is the image's bottom left corner. They are kept without an image, too.
+    A sentence is appended if vertices or texture coordinates are not finite in float32. Triangles of such vertices are
+    left out.
     """
     with np.errstate(over="ignore"):
         points = np.ascontiguousarray(positions, np.float32)

@@ -3,8 +3,6 @@
 A small file can make its compiler allocate gigabytes or run for hours: height fields, ``<replicate>``, textures.
 """
 
-from __future__ import annotations
-
 import re
 from collections.abc import Callable
 from pathlib import PurePath

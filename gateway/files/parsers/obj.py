@@ -1,7 +1,5 @@
 """Rewrites faces of OBJ files that trimesh would refuse or misread."""
 
-from __future__ import annotations
-
 import re
 from typing import Final
 
@@ -74,11 +72,9 @@ def _joined(lines: list[bytes]) -> list[bytes]:
 
 
 def _absolute(corner: list[bytes], counts: dict[bytes, int]) -> bytes:
-    """Return a corner of a face with positive indices.
+    """Return a corner of a face with positive indices of vertex, texture coordinates and normal.
 
-    Args:
-        corner: Indices of vertex, texture coordinates and normal.
-        counts: Number of each of them in the lines before the face.
+    ``counts``: number of each of them in the lines before the face.
     """
     indices = [
         b"%d" % (count + 1 + int(index) if -int(index) <= count else _MISSING) if _NEGATIVE.fullmatch(index) else index
@@ -88,15 +84,10 @@ def _absolute(corner: list[bytes], counts: dict[bytes, int]) -> bytes:
 
 
 def without_broken_faces(data: bytes, original: bytes, warnings: list[str]) -> bytes:
-    """Return the file without faces that are not three or more corners, or refer to vertices that do not exist.
+    """Return a file of ``with_absolute_faces`` without faces that are not three or more corners that exist.
 
-    Args:
-        data: OBJ file, as ``with_absolute_faces`` returns it.
-        original: The file as it was, which is quoted.
-        warnings: A sentence is appended if faces are left out: their number, and the first one with its line.
-
-    Raises:
-        MeshFaultError: All faces are broken.
+    A sentence is appended with their number, and the first one with its line in ``original``. Raises MeshFaultError if
+    all are broken.
     """
     lines = data.splitlines()
     statements = [line.split(maxsplit=1)[:1] for line in lines]

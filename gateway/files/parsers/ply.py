@@ -1,7 +1,5 @@
 """Repairs PLY files that trimesh does not read in full."""
 
-from __future__ import annotations
-
 import contextlib
 import dataclasses
 import re
@@ -72,11 +70,7 @@ class _Element:
     """Type of a list's length (None: no list), type of the values, and name."""
 
     def index_list(self) -> tuple[int, np.dtype[Any]]:
-        """Return which property is the list of indices of vertices, and its type. The only list has any name.
-
-        Raises:
-            ValueError: There is none.
-        """
+        """Return the list of indices of vertices, any name if it is the only one, and its type. Raises ValueError."""
         list_count = sum(length is not None for length, _, _ in self.properties)
         for number, (length, values, name) in enumerate(self.properties):
             if length is not None and values.kind in "iu" and (name in _INDEX_NAMES or list_count == 1):
@@ -85,14 +79,11 @@ class _Element:
 
 
 def with_plain_header(data: bytes) -> bytes:
-    """Return the file with a header that trimesh reads.
+    """Return the file with a header that trimesh reads. Raises ValueError if it is no PLY file.
 
     Rhinoceros writes carriage returns only; comments are not always UTF-8. For edges, trimesh needs a package that is
     not installed, but does not use them in meshes: their element gets another name. Properties are in lower case, and
     the only list of faces is called ``vertex_indices``.
-
-    Raises:
-        ValueError: It is no PLY file.
     """
     if b"ply" not in data[:20].lower():
         raise ValueError("it does not start with 'ply'")
@@ -111,11 +102,8 @@ def with_plain_header(data: bytes) -> bytes:
 def with_used_coordinates(data: bytes, read_texture: Callable[[str], bytes], warnings: list[str]) -> bytes:
     """Return the file without texture coordinates that would replace its colours, although it has no texture.
 
-    trimesh reads either colours or texture coordinates. Blender writes both.
-
-    Args:
-        read_texture: Returns the bytes of the texture; raises OSError.
-        warnings: A sentence is appended if the file holds Gaussians.
+    trimesh reads either colours or texture coordinates; Blender writes both. A warning is added if the file holds
+    Gaussians.
     """
     header, end, body = data.partition(b"end_header\n")
     if _SPLAT.search(header):
@@ -133,13 +121,10 @@ def with_used_coordinates(data: bytes, read_texture: Callable[[str], bytes], war
 
 
 def with_triangles(data: bytes) -> bytes:
-    """Return a binary file with triangles in place of polygons and strips.
+    """Return a binary file with triangles in place of polygons and strips. Raises ValueError if it is damaged.
 
-    trimesh takes each list for one as long as the first. Blender writes faces of different numbers of corners. If
-    lists of an element differ in length, the file is returned with vertices and triangles only, without other lists.
-
-    Raises:
-        ValueError: The header is wrong, or the file is too short.
+    trimesh takes each list for one as long as the first. Blender writes faces of different numbers of corners. If lists
+    of an element differ in length, the file is returned with vertices and triangles only, without other lists.
     """
     header, end, _ = data.partition(b"end_header\n")
     lines = header.decode("latin-1").split("\n")
@@ -186,12 +171,7 @@ def _triangles(
 ) -> list[tuple[str, NDArray[Any]]]:
     """Return names and values of the triangles' properties: ``vertex_indices``, (M, 3), and the scalars of faces, (M,).
 
-    Args:
-        all_lengths, places: See ``_values``.
-        scalars: See ``_scalars``.
-
-    Raises:
-        ValueError: There are none.
+    Lengths and places are those of ``_values``. Raises ValueError if there are none.
     """
     index_list, index = element.index_list()
     lengths = all_lengths[:, index_list]
@@ -210,11 +190,9 @@ def _triangles(
 def _scalars(
     data: bytes, place: int, element: _Element, lengths: NDArray[np.int64], places: NDArray[np.int64]
 ) -> list[tuple[str, NDArray[Any]]]:
-    """Return names and values, (count,), of the properties of an element that are not lists.
+    """Return names and values, (count,), of the properties of an element at a place that are not lists.
 
-    Args:
-        place: Place of the element's data in the file.
-        lengths, places: See ``_values``; empty if the element has no lists.
+    Lengths and places are those of ``_values``, empty if it has no lists.
     """
     if not len(lengths):
         row = np.dtype([(f"f{number}", values) for number, (_, values, _) in enumerate(element.properties)])
@@ -267,11 +245,7 @@ def _elements(lines: list[str], order: str) -> list[_Element]:
 def _values(data: bytes, place: int, element: _Element) -> tuple[NDArray[np.int64], NDArray[np.int64], int]:
     """Return the numbers of values of an element with lists, their places, both (count, properties), and its end.
 
-    Args:
-        place: Place of the element's data in the file.
-
-    Raises:
-        ValueError: The file is too short, or a length is negative.
+    Raises ValueError if the file is too short, or a length is negative.
     """
     has_lists = any(length is not None for length, _, _ in element.properties)
     lengths, places = array("q"), array("q")
@@ -301,11 +275,7 @@ def _values(data: bytes, place: int, element: _Element) -> tuple[NDArray[np.int6
 
 
 def _end_of_equal_rows(data: bytes, place: int, element: _Element, max_length: int | None) -> int | None:
-    """Return the end of an element whose lists are as long as those of its first row; None if they are not.
-
-    Args:
-        max_length: Maximum length of its lists; None: any.
-    """
+    """Return the end of an element whose lists are as long as in its first row, up to a maximum; None for others."""
     if all(length is None for length, _, _ in element.properties):
         return _values(data, place, element)[2]
     lengths, places, end = _values(data, place, dataclasses.replace(element, count=min(element.count, 1)))
@@ -342,11 +312,7 @@ def _array(data: bytes, lengths: NDArray[np.int64], places: NDArray[np.int64], v
 
 
 def colors_of(raw: dict[str, Any], element: str) -> NDArray[np.uint8] | None:
-    """Return the sRGB colours of an element, (count, 4); None if it has none.
-
-    Args:
-        raw: The elements as trimesh reads them.
-    """
+    """Return the sRGB colours of an element as trimesh reads it, (count, 4); None if it has none."""
     data = raw.get(element, {}).get("data")
     names = getattr(getattr(data, "dtype", None), "names", None) or (data if isinstance(data, dict) else ())
     columns = {name.lower(): data[name] for name in names}
@@ -369,11 +335,7 @@ def srgb_bytes(values: NDArray[Any]) -> NDArray[np.uint8]:
 
 
 def faces_of(raw: dict[str, Any]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Return the triangles of a file's faces, (M, 3), and the face of each, (M,).
-
-    Args:
-        raw: The elements as trimesh reads them.
-    """
+    """Return the triangles of faces as trimesh reads them, (M, 3), and the face of each, (M,)."""
     data = raw["face"]["data"]
     name = next(each for each in _INDEX_NAMES if each in (data if isinstance(data, dict) else data.dtype.names))
     corners = data[name] if isinstance(data, dict) else data[name]["f1"]
@@ -384,13 +346,9 @@ def faces_of(raw: dict[str, Any]) -> tuple[NDArray[np.int64], NDArray[np.int64]]
 
 
 def triangles_of_strips(raw: dict[str, Any]) -> NDArray[np.int64] | None:
-    """Return the (M, 3) triangles of an element ``tristrips`` of an ASCII file; None if there is none.
+    """Return the (M, 3) triangles of an element ``tristrips`` as trimesh reads it; None if there is none.
 
-    Args:
-        raw: The elements as trimesh reads them.
-
-    Raises:
-        ValueError: The element has no list of vertices.
+    Raises ValueError if it has no list of vertices.
     """
     element = raw.get("tristrips", {}).get("data")
     if not isinstance(element, dict):

@@ -1,7 +1,5 @@
 """Reads the textures that a mesh file refers to, and encodes those as PNG that the server does not decode."""
 
-from __future__ import annotations
-
 import io
 from collections.abc import Callable
 from typing import Final
@@ -21,10 +19,7 @@ class TextureFiles:
     """Collects the textures that a mesh file refers to, without duplicates."""
 
     def __init__(self, read_file: ReadFile, content: MeshData) -> None:
-        """
-        Args:
-            content: Textures are added to its ``images``, and a warning about each file that holds no image.
-        """
+        """Textures are added to the images of ``content``, and warnings of files that hold no image."""
         self._read_file = read_file
         self._images, self._warnings = content.images, content.warnings
         self._index_by_name: dict[str, int | None] = {}
@@ -47,11 +42,7 @@ class TextureFiles:
         return index
 
     def encoded(self, name: str, data: bytes) -> bytes:
-        """Return a PNG, JPEG or WebP file as it is, and one of another format as PNG.
-
-        Raises:
-            OSError: The file holds no image, which is a warning, too.
-        """
+        """Return a PNG, JPEG or WebP file as it is, another one as PNG. Raises OSError, and warns, if it is none."""
         try:
             # Only the header is read here: damaged pixels are found by the server, which says so.
             with Image.open(io.BytesIO(data), formats=(*_DECODED_BY_SERVER, *_CONVERTED)) as image:

@@ -4,8 +4,6 @@ Source: "VTK File Formats", section "Simple Legacy Formats". Versions 2 to 4 (CE
 (OFFSETS and CONNECTIVITY) are read. Drake's hydroelastic meshes are UNSTRUCTURED_GRID files of tetrahedra.
 """
 
-from __future__ import annotations
-
 import re
 from typing import Final
 
@@ -96,11 +94,7 @@ class _Parser:
         return count
 
     def numbers(self, kind: bytes, count: int) -> NDArray[np.float64]:
-        """Return the next ``count`` numbers, (count,) float64.
-
-        Args:
-            kind: type of the numbers in a binary file, a key of ``_TYPES``.
-        """
+        """Return the next ``count`` numbers, float64. ``kind``: their type in a binary file, a key of ``_TYPES``."""
         if self._is_binary:
             return self._binary(kind, count)
         # Split a window that grows until it holds all numbers: splitting the whole rest each time would be quadratic.
@@ -134,18 +128,10 @@ class _Parser:
 def read_vtk(
     data: bytes, max_vertices: int, max_triangles: int, warnings: list[str]
 ) -> tuple[NDArray[np.float32], NDArray[np.int64]]:
-    """Return the surface in a file. Points and lines are left out.
+    """Return the positions, (N, 3) in the file's unit, and triangles, (M, 3), of the surface in a file.
 
-    Args:
-        max_vertices: Maximum number of points.
-        max_triangles: Maximum number of cells, and of triangles.
-        warnings: A sentence is appended if cells of other types are left out.
-
-    Returns:
-        Positions (N, 3) float32, in the file's unit, and triangles (M, 3) int64.
-
-    Raises:
-        MeshFaultError: The file is damaged, not a legacy VTK file with points and cells, or beyond a limit.
+    Points and lines are left out, and cells of other types with a warning. ``max_triangles`` is the limit of cells,
+    too. Raises MeshFaultError if the file is damaged, not a legacy VTK file with points and cells, or beyond a limit.
     """
     parser = _Parser(data)
     positions: NDArray[np.float32] | None = None
@@ -205,11 +191,8 @@ def _triangles(
 ) -> NDArray[np.int64]:
     """Return the triangles of cells, (M, 3): polygons as fans, then strips, then the boundary of the volumes.
 
-    Args:
-        points: Points of all cells.
-        sizes, types: Number of points and type of each cell, (N,).
-        limit: Maximum number of triangles.
-        warnings: A sentence is appended if cells are left out.
+    ``points``: those of all cells; ``sizes``, ``types``: number of points and type of each. A warning is added if cells
+    are left out.
     """
     if len(types) != len(sizes):
         raise MeshFaultError(f"it has {len(types)} types for {len(sizes)} cells")
@@ -245,11 +228,7 @@ def _triangles(
 
 
 def _boundary(volumes: dict[int, NDArray[np.int64]]) -> NDArray[np.int64]:
-    """Return the triangles of the faces that belong to only one volume, (M, 3).
-
-    Args:
-        volumes: (N, number of corners) points of the volumes, by cell type.
-    """
+    """Return the triangles, (M, 3), of faces that belong to only one volume; points of volumes are by cell type."""
     faces = np.concatenate([
         np.pad(corners[:, face], ((0, 0), (0, 4 - len(face))), constant_values=-1)
         for kind, corners in volumes.items()

@@ -3,8 +3,6 @@
 xacro evaluates Python expressions and reads included files, so only files that the user names are expanded.
 """
 
-from __future__ import annotations
-
 import errno
 import os
 import sys
@@ -52,15 +50,10 @@ def _missing_arg(error: BaseException | None) -> str:
 def expand_file(
     read_file: Callable[[str], bytes], path: str, values: dict[str, str]
 ) -> tuple[str, str, str, list[str], list[str]]:
-    """Expand a file.
+    """Expand a file with arguments by name. ``read_file`` returns the folder of a package.
 
-    Args:
-        read_file: Returns the folder of a package, by the package's name.
-        values: Values of arguments by name.
-
-    Returns:
-        The XML, or an error text; the argument whose lack is the error, if it is one; the names of the arguments that
-        it has; the paths of the files that were read.
+    Returns the XML or an error text; the argument whose lack is the error, if it is one; the names of the arguments
+    that it has; the paths of the files that were read.
     """
     packages = ModuleType("ament_index_python.packages")
     packages.get_package_share_directory = lambda name: os.fsdecode(read_file(name))  # type: ignore[attr-defined]

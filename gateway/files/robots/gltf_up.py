@@ -1,7 +1,5 @@
 """Chooses the up axis of a robot's glTF meshes by its collision geometry."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import Literal, TypeAlias
 
@@ -23,10 +21,6 @@ def nearest_up_axis(y_up: LinkParts, z_up: LinkParts, collision: LinkParts) -> L
     """Return the up axis for which the visual geometry's bounds are nearer to those of the collision geometry.
 
     Boxes are compared by the sum of the absolute differences of their corners. A link without one is skipped.
-
-    Args:
-        y_up, z_up: Visual geometry of all links for either axis.
-        collision: Collision geometry of all links.
     """
     differences = {"y": 0.0, "z": 0.0}
     for y_parts, z_parts, collision_parts in zip(y_up, z_up, collision, strict=True):

@@ -1,7 +1,5 @@
 """Limits of robot files that the server reads: those of the client, of the programs that it runs, and of meshes."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 from gateway.files.assets.mesh_formats import MESH_LIMITS

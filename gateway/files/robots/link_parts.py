@@ -1,7 +1,5 @@
 """Reads the meshes of a URDF or SDF robot, and converts its geometry to parts of the scene."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from dataclasses import replace
 from pathlib import Path
@@ -35,10 +33,7 @@ class LinkParts:
     """Converts geometry to parts."""
 
     def __init__(self, files: RobotFiles, limits: RobotLimits, warnings: list[str], gltf_up: Literal["y", "z"]) -> None:
-        """
-        Args:
-            gltf_up: Up axis of glTF meshes. Those that Drake merged are Z up in any case.
-        """
+        """``gltf_up``: up axis of glTF meshes. Those that Drake merged are Z up in any case."""
         self._files = files
         self._link_files = LinkFiles(files, warnings, (MeshFormatError, GltfError, ImageError))
         self._warnings = warnings
@@ -65,10 +60,7 @@ class LinkParts:
         return [msgspec.structs.replace(part, X_node_part=X @ part.X_node_part) for part in parts]
 
     def _materials(self, link: str, material: LinkMaterial | None) -> tuple[Material, Material]:
-        """Return two materials: for geometry without texture coordinates, and for geometry with them.
-
-        The first has the texture's mean colour.
-        """
+        """Return two materials: of the texture's mean colour, for geometry without texture coordinates; for others."""
         rgba = np.array(color_of(material))
         texture = self._link_files.texture(link, material, self._read_image)
         if material is None or texture is None:

@@ -1,7 +1,5 @@
 """Reads MJCF. The package ``mujoco`` compiles the file, in a limited child process, and computes the kinematics."""
 
-from __future__ import annotations
-
 import re
 import threading
 from collections.abc import Iterable, Mapping
@@ -35,12 +33,9 @@ _VALUE_COUNTS: Final[dict[JointKind, int]] = {"floating": 7, "ball": 4, "prismat
 def read_mjcf(root: Element, files: RobotFiles, use: GeometryUse, keyframe: str, limits: RobotLimits) -> Robot:
     """Return the robot of an MJCF file. Its links are MuJoCo's bodies; its geometry in the world is the link ``world``.
 
-    Args:
-        keyframe: Name of the ``<key>`` with the joints' default values; empty: those of the model.
-
-    Raises:
-        RobotFileError: MuJoCo cannot compile the file, it has no such keyframe, or a limit is exceeded.
-        ImportError: The package ``mujoco`` is not installed.
+    ``keyframe``: name of the ``<key>`` with the joints' default values; empty: those of the model. Raises
+    RobotFileError if MuJoCo cannot compile it, it has no such keyframe, or a limit is exceeded; ImportError without
+    ``mujoco``.
     """
     try:
         import mujoco
@@ -129,11 +124,7 @@ def _keyframe_values(mujoco: Any, model: Any, keyframe: str) -> NDArray[np.float
 
 
 def _joints(mujoco: Any, model: Any, defaults: NDArray[np.float64]) -> dict[str, Joint]:
-    """Return the joints by name, in the model's order.
-
-    Args:
-        defaults: (nq,) default values of all joints.
-    """
+    """Return the joints by name, in the model's order, with their default values, (nq,)."""
     kinds: dict[int, JointKind] = {
         int(mujoco.mjtJoint.mjJNT_FREE): "floating",
         int(mujoco.mjtJoint.mjJNT_BALL): "ball",

@@ -1,7 +1,5 @@
 """Finds the files that an MJCF document refers to: for their digests, and to name the link in an error of MuJoCo."""
 
-from __future__ import annotations
-
 import os
 from collections.abc import Iterator
 from pathlib import Path
@@ -24,8 +22,7 @@ class MjcfFiles:
     def __init__(self, root: Element, files: RobotFiles, limits: RobotLimits) -> None:
         """Read the files that exist, so that their digests are recorded.
 
-        Raises:
-            RobotFileError: A file is larger than allowed, or the files have too many elements.
+        Raises RobotFileError if one is larger than allowed, or they have too many elements.
         """
         self._files = files
         self._limits = limits
@@ -45,11 +42,7 @@ class MjcfFiles:
                         self._record(folder / name for folder in sorted(folders))
 
     def link_prefix(self, message: str) -> str:
-        """Return the start of an error sentence, "link 'a': ", or an empty string.
-
-        Args:
-            message: Error message of MuJoCo. If it names a mesh file, ``a`` is the first body with that mesh.
-        """
+        """Return the start of an error sentence: "link 'a': " for the first body with its mesh file; or ""."""
         body_by_mesh: dict[str, str | None] = {}
         for document in self._documents:
             for body in document.iter("body"):
@@ -66,8 +59,7 @@ class MjcfFiles:
     def _included(self, root: Element) -> Iterator[Element]:
         """Yield the document and those that it includes, each file once. MuJoCo reports repeated includes.
 
-        Raises:
-            RobotFileError: There are too many ``<include>`` elements, or too many elements.
+        Raises RobotFileError if there are too many ``<include>`` elements, or too many elements.
         """
         remaining, include_count, element_count = [root], 0, sum(1 for _ in root.iter())
         seen = {os.fspath(self._files.path)}
@@ -97,8 +89,7 @@ class MjcfFiles:
     def _record(self, candidates: Iterator[Path]) -> None:
         """Read the first file that exists, which records its digest.
 
-        Raises:
-            RobotFileError: It is larger than allowed, or not a regular file. MuJoCo would wait for a named pipe.
+        Raises RobotFileError if it is too large, or not a regular file. MuJoCo would wait for a named pipe.
         """
         for path in candidates:
             if path.exists() and not path.is_dir():

@@ -1,7 +1,5 @@
 """Converts the geometry of a compiled MuJoCo model to parts of the scene."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from typing import Any, Final
 
@@ -61,12 +59,10 @@ class MjcfGeometry:
         return np.asarray((self._model.geom_contype != 0) | (self._model.geom_conaffinity != 0))
 
     def _is_collision_only(self) -> NDArray[np.bool_]:
-        """Return a mask of the geometries that are for collisions only, (ngeom,) bool.
+        """Return a mask, (ngeom,), of the geometries that are for collisions only.
 
-        These are:
-
-        - all geometries of ``COLLISION_GROUP`` and higher groups,
-        - colliding geometries of group 0 whose body also has geometries of group 1 or 2 that do not collide.
+        These are all of ``COLLISION_GROUP`` and higher groups, and colliding ones of group 0 whose body also has
+        geometries of group 1 or 2 that do not collide.
         """
         model = self._model
         group = model.geom_group
@@ -130,11 +126,7 @@ class MjcfGeometry:
 
 
 def _unique_corners(corners: NDArray[Any]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Return the distinct rows, and for each row its index among them.
-
-    Args:
-        corners: (N, 2) or (N, 3) integers, not negative.
-    """
+    """Return the distinct rows of integers, (N, 2 | 3), not negative, and for each row its index among them."""
     codes = np.zeros(len(corners), np.int64)
     columns = corners.astype(np.int64)
     sizes = columns.max(axis=0, initial=0) + 1

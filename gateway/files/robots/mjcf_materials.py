@@ -1,7 +1,5 @@
 """Converts the materials and textures of a compiled MuJoCo model."""
 
-from __future__ import annotations
-
 import hashlib
 from typing import Any
 
@@ -34,12 +32,7 @@ class MjcfMaterials:
         return r, g, b, a
 
     def material(self, geom: int, has_uv: bool) -> Material:
-        """Return the material of a geometry.
-
-        Args:
-            geom: Index of the geometry.
-            has_uv: True if the geometry has texture coordinates; if not, the texture's mean colour is used instead.
-        """
+        """Return the material of a geometry; without texture coordinates it has the texture's mean colour."""
         model = self._model
         r, g, b, alpha = np.clip(self.rgba(geom), 0.0, 1.0).tolist()
         color = np.array([linear_from_srgb(channel) for channel in (r, g, b)])
@@ -69,12 +62,7 @@ class MjcfMaterials:
         )
 
     def plane_repeats(self, geom: int, x: float, y: float) -> NDArray[np.float64]:
-        """Return the repetitions per metre of a plane's texture along x and y, (2,).
-
-        Args:
-            geom: Index of the plane.
-            x, y: Half side lengths in metres.
-        """
+        """Return the repetitions per metre of a plane's texture along x and y, (2,), given its half sides in metres."""
         index = int(self._model.geom_matid[geom])
         if index < 0:
             return np.ones(2)

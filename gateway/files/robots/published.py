@@ -69,8 +69,7 @@ def read_published_robot(
 def geometries_of(part: Part, images: PartImages | None) -> Iterator[Geometry]:
     """Yield the geometry of a part, in the frame of its node and the colour of its material. Lines are left out.
 
-    Args:
-        images: Encodes textures and vertex colours of meshes; None: meshes have the mean colour of their texture.
+    ``images`` encodes textures and vertex colours; None: meshes have the mean colour of their texture.
     """
     X, shape = part.X_node_part, part.shape
     if isinstance(shape, scene.PointCloud):
@@ -93,11 +92,7 @@ def geometries_of(part: Part, images: PartImages | None) -> Iterator[Geometry]:
 
 
 def _color(material: Material, *, with_texture: bool = True) -> NDArray[np.float64]:
-    """Return a material's sRGB colour and opacity, (4,).
-
-    Args:
-        with_texture: True: multiply the colour by the mean colour of the texture.
-    """
+    """Return a material's sRGB colour and opacity, (4,), times the mean colour of the texture if wanted."""
     red, green, blue, alpha = material.base_color
     if with_texture and material.base_color_texture is not None:
         mean = mean_color(material.base_color_texture.image)

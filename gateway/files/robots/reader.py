@@ -1,7 +1,5 @@
 """Reads robot files: URDF, SDF or MJCF, decided by the root element."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from dataclasses import replace
 from pathlib import Path

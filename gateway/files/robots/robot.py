@@ -1,7 +1,5 @@
 """A robot with parts of the scene as its geometry."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 
 from gateway.scene.tree.geometry import Part

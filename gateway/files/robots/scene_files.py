@@ -1,7 +1,5 @@
 """Reads scene files that the operator names: glTF, meshes and robots, by the suffix of the file's name."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
@@ -64,9 +62,7 @@ DEFAULT_OPTIONS: Final = SceneOptions()
 def read_scene(path: Path, options: SceneOptions = DEFAULT_OPTIONS) -> SceneFile:
     """Read a scene file. A mesh becomes a node with the file's name; a robot becomes a node with a child for each link.
 
-    Raises:
-        SceneFileError: The file or a joint value is invalid, a limit is exceeded, or there is a warning and
-            ``options.strict`` is true. The message names the file.
+    Raises SceneFileError, with the file's name, also for a warning if ``options.strict`` is true.
     """
     scene = _read_by_suffix(path, options)
     if options.strict and (refusal := strict_refusal(scene.warnings)):

@@ -1,7 +1,5 @@
 """Expands xacro files with the package ``xacro``, in a child process with limited memory and time."""
 
-from __future__ import annotations
-
 import contextlib
 import importlib.util
 import os
@@ -23,9 +21,7 @@ _output_decoder: Final = msgspec.msgpack.Decoder(tuple[str, str, str, list[str],
 def expand_xacro(files: RobotFiles, limits: RobotLimits) -> bytes:
     """Return the URDF or SDF document of the robot file, which has xacro elements. ``files`` has read what it includes.
 
-    Raises:
-        RobotFileError: The file cannot be expanded within the limits.
-        ImportError: The package ``xacro`` is not installed.
+    Raises RobotFileError if it cannot be expanded within the limits, ImportError without ``xacro``.
     """
     if importlib.util.find_spec("xacro") is None:
         raise ImportError(

@@ -56,11 +56,7 @@ def configure() -> Path:
 
 
 def are_cached(parts: Collection[str] | None = None) -> bool:
-    """Return whether kernels are cached for this CPU and these sources.
-
-    Args:
-        parts: parts whose kernels are needed; None: those that the cache's manifest lists.
-    """
+    """Return whether the kernels of parts (None: of the cache's manifest) are cached for this CPU and these sources."""
     configure()
     return not cache_folder.missing(parts=parts)
 
@@ -68,12 +64,7 @@ def are_cached(parts: Collection[str] | None = None) -> bool:
 async def compile_missing(parts: Collection[str], progress: KernelProgress, on_cached: OnCached = _ignore) -> None:
     """Compile the parts that are not cached. If another process of this machine compiles, wait for its end first.
 
-    Args:
-        parts, progress: as for ``compile_in_children``.
-        on_cached: awaited with the name of each part when it is in the cache.
-
-    Raises:
-        KernelError: the kernels could not be compiled, or the cache cannot be written.
+    Arguments as for ``compile_in_children``. Raises KernelError if that fails, or the cache cannot be written.
     """
     folder = configure()
     if reason := cache_folder.unusable(folder):
@@ -110,15 +101,9 @@ async def compile_missing(parts: Collection[str], progress: KernelProgress, on_c
 async def compile_in_children(parts: Collection[str], progress: KernelProgress, on_cached: OnCached = _ignore) -> None:
     """Compile parts in child processes, at most one per processor, and list them in the cache's manifest.
 
-    The children (``compile_process``) read the index of their next part from a pipe.
-
-    Args:
-        parts: names in ``parts.PARTS``; at most 255.
-        progress: updated with every compiled function.
-        on_cached: awaited with each part that is compiled.
-
-    Raises:
-        KernelError: a child failed. The message has the last line of its stderr.
+    The children (``compile_process``) read the index of their next part from a pipe; there are at most 255.
+    ``on_cached`` is awaited with each part that is compiled. Raises KernelError, with the last line of a child's
+    stderr.
     """
     compiled: dict[str, list[str]] = {}
     queue, queue_input = os.pipe()
@@ -149,11 +134,8 @@ async def _compile_in_child(
     """Run one child to its end.
 
     The child writes JSON to stdout: ``{"part": PART}`` for each compiled function, and ``{"part": PART, "kernels":
-    [FOLDER, ...]}`` for each compiled part.
-
-    Args:
-        queue: file descriptor of the pipe with one byte for each part to compile, its index in ``parts``.
-        compiled: cache folders of the kernels, by part; extended here.
+    [FOLDER, ...]}`` for each compiled part. ``queue``: pipe with the index in ``parts`` of each part to compile.
+    ``compiled``: cache folders of the kernels, by part; extended here.
     """
     child = await asyncio.create_subprocess_exec(
         *(sys.executable, "-P", "-m", "gateway.runtime.kernels.compile_process", str(queue), *parts),

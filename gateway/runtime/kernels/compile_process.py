@@ -18,13 +18,8 @@ from gateway.runtime.workers import process_tuning
 def compile_parts(parts_fd: int, names: tuple[str, ...]) -> None:
     """Compile parts until none is left. Report each compiled function and part on stdout, as JSON lines.
 
-    Args:
-        parts_fd: file descriptor of a pipe with one byte for each part to compile, its index in ``names``. Several
-            processes read from it.
-        names: parts of ``PARTS``.
-
-    Raises:
-        KernelError: Numba has not stored a kernel in the cache.
+    ``parts_fd``: pipe, from which several processes read, with the index in ``names`` of each part to compile. Raises
+    KernelError if Numba has not stored a kernel in the cache.
     """
     cache.configure()
     if set(names) <= set(BACKGROUND):
@@ -47,11 +42,7 @@ def _report(**fields: Any) -> None:
 
 
 def _take_new_folders(reported_ids: set[int]) -> list[str]:
-    """Return the names of the cache folders of the kernels that were compiled since the last call.
-
-    Args:
-        reported_ids: ``id`` of each kernel of earlier calls; extended here.
-    """
+    """Return the cache folders of the kernels that were compiled since the last call, whose ids are kept in the set."""
     from renderers.compiler.cache_locator import CACHED_KERNELS, folder_of
 
     folders: list[str] = []

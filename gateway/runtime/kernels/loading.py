@@ -31,15 +31,9 @@ MAX_RETRY_SECONDS: Final = 300.0
 
 
 def ensure_compiled(*, show: bool = False) -> None:
-    """Compile the kernels that are not cached. Processes of a machine do this one after the other.
+    """Compile the kernels that are not cached, if wanted with progress. Processes of a machine take turns.
 
-    Call it before any kernel is imported, and not in a running event loop.
-
-    Args:
-        show: show the progress on stderr.
-
-    Raises:
-        KernelError: the kernels could not be compiled, or the cache cannot be written.
+    Call it before any kernel is imported, and not in a running event loop. Raises KernelError.
     """
     if cache.are_cached(parts.PARTS):
         return
@@ -52,11 +46,9 @@ class KernelLoader:
     """Loads the kernels of a server, compiled by child processes first where they are not cached."""
 
     def __init__(self, registry: ServiceRegistry, exit_stack: ExitStack, *, bar: bool = True) -> None:
-        """
-        Args:
-            registry: shows state and progress.
-            exit_stack: closed when the server ends.
-            bar: show the progress as a bar if stderr is a terminal.
+        """The registry shows state and progress; the stack is closed when the server ends.
+
+        ``bar``: show the progress as a bar if stderr is a terminal.
         """
         self.progress: KernelProgress | None = None
         """Progress of compiling the kernels that the start needs; None if they are not being compiled."""
@@ -65,11 +57,7 @@ class KernelLoader:
         self._bar = bar
 
     async def load_needed(self) -> None:
-        """Load the kernels that the default settings need, again after errors that may pass.
-
-        Raises:
-            KernelError: the kernels could not be compiled or loaded.
-        """
+        """Load the kernels that the default settings need, again after errors that may pass. Raises KernelError."""
         for seconds in START_RETRIES:
             try:
                 return await self._load_needed_once()

@@ -94,11 +94,7 @@ PARTS: Final[Mapping[str, KernelPart]] = {**NEEDED, **BACKGROUND}
 
 
 def load_needed() -> None:
-    """Load the parts that the default settings need from the cache. This blocks.
-
-    Raises:
-        KernelError: a kernel is not in the cache.
-    """
+    """Load the parts that default settings need. This blocks. Raises KernelError if a kernel is not in the cache."""
     cache.configure()
     import cv2
 

@@ -1,7 +1,5 @@
 """Progress of compiling the kernels, as shown by ``/readyz``, the log, a terminal and responses to requests."""
 
-from __future__ import annotations
-
 import logging
 import math
 import sys
@@ -91,9 +89,7 @@ class KernelProgress:
 def show_progress(progress: KernelProgress, log: Callable[..., object], *, bar: bool = True) -> Iterator[None]:
     """Show progress while the block runs: a bar if stderr is a terminal, else a log line every 20 %.
 
-    Args:
-        log: called as ``log(event, **fields)``.
-        bar: False: log lines on a terminal, too, because other processes write to the same terminal.
+    ``bar`` False: log lines on a terminal, too, because other processes write to the same terminal.
     """
     if bar and sys.stderr.isatty():
         with _shown_as_bar(progress):

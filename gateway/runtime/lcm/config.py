@@ -1,7 +1,5 @@
 """Settings of LCM. ``gateway.wiring`` fills them from the options."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 from scenegate.lcm.transport import MIB, TransportLimits

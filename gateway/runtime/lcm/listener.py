@@ -1,7 +1,5 @@
 """A part of the gateway that receives channels of the tree viewer's LCM transports and hub."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 from scenegate.lcm.transport import OnMessage

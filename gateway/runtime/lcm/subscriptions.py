@@ -4,8 +4,6 @@ Python's regular expressions backtrack: a pattern such as ``(a+)+b`` takes years
 therefore have a form for which the number of attempts to match can be computed.
 """
 
-from __future__ import annotations
-
 import re
 import warnings
 from dataclasses import dataclass
@@ -47,11 +45,7 @@ class Pattern:
 
 
 def compile_pattern(pattern: str) -> Pattern:
-    """Compile a subscription's pattern.
-
-    Raises:
-        PatternError: the text is not a regular expression, or matching could take too long.
-    """
+    """Compile a subscription's pattern. Raises PatternError if it is none, or matching could take too long."""
     choices, repetitions = _count_choices(pattern)
     try:
         with warnings.catch_warnings():
@@ -67,11 +61,7 @@ def compile_pattern(pattern: str) -> Pattern:
 
 
 def _count_choices(pattern: str) -> tuple[int, int]:
-    """Return ``Pattern.choices`` and ``Pattern.repetitions`` of a pattern.
-
-    Raises:
-        PatternError: the pattern has a construct whose cost cannot be computed.
-    """
+    """Return ``Pattern.choices`` and ``Pattern.repetitions``. Raises PatternError if the cost cannot be computed."""
     choices, repetitions = 1, 0
     previous = ""
     alternatives = [1]  # numbers of alternatives in the whole pattern and in each open group
@@ -107,11 +97,7 @@ class Subscriptions:
         """Steps to match a channel name of ``CHANNEL_CHARS`` with all patterns."""
 
     def add(self, text: str) -> Pattern | None:
-        """Add a subscription; return its pattern, or None if the client has subscribed this pattern before.
-
-        Raises:
-            PatternError: the pattern is not supported, or a limit is exceeded.
-        """
+        """Add a subscription; return its pattern, or None if the client has it already. Raises PatternError."""
         if text in self._patterns:
             pattern, count = self._patterns[text]
             self._patterns[text] = (pattern, count + 1)

@@ -42,12 +42,7 @@ class TcpqHub:
     """Accepts clients, and relays each message to the clients that subscribed to its channel."""
 
     def __init__(self, config: LcmConfig, greeting: tuple[str, bytes]) -> None:
-        """Create a hub; ``start`` opens its port.
-
-        Args:
-            config: address and limits.
-            greeting: channel and message, sent to every client that subscribes to this channel.
-        """
+        """Create a hub, with a greeting (channel, message) for clients of that channel; ``start`` opens its port."""
         self.config = config
         self.greeting = greeting
         self._prefixes: tuple[str, ...] = ()
@@ -75,14 +70,9 @@ class TcpqHub:
         on_message: OnClientMessage,
         on_disconnect: Callable[[HubConnection], None] = lambda lost: None,
     ) -> None:
-        """Open the port and accept clients.
+        """Open the port and accept clients. Raises LcmUnavailableError if it cannot be opened.
 
-        Args:
-            prefixes: starts of the names of the channels that ``on_message`` receives.
-            on_message: called with messages of clients.
-            on_disconnect: called with each connection that is lost.
-        Raises:
-            LcmUnavailableError: the port cannot be opened.
+        ``on_message`` gets messages of channels with these prefixes, ``on_disconnect`` each connection that is lost.
         """
         self._prefixes, self._on_message, self.on_disconnect = prefixes, on_message, on_disconnect
         host, port = self.config.tcpq_host, self.config.tcpq_port
@@ -112,11 +102,7 @@ class TcpqHub:
             self._server = None
 
     def publish(self, channel: str, message: bytes) -> None:
-        """Send a message to every client that has subscribed to its channel.
-
-        Raises:
-            ValueError: the channel name is too long.
-        """
+        """Send a message to the subscribers of its channel. Raises ValueError if the channel's name is too long."""
         if len(channel.encode()) > MAX_CHANNEL_BYTES:
             raise ValueError(f"the hub relays channel names of at most {MAX_CHANNEL_BYTES} bytes")
         self._relay(channel, message)
@@ -134,10 +120,7 @@ class TcpqHub:
         }
 
     def reserve(self, size: int) -> bool:
-        """Add ``size`` to the bytes of big messages that are being read.
-
-        Returns False, and adds nothing, if the sum would exceed the limit.
-        """
+        """Add to the bytes of big messages that are being read; return False, adding nothing, beyond the limit."""
         if self._arriving_bytes + size > self.config.queued_bytes:
             return False
         self._arriving_bytes += size

@@ -1,7 +1,5 @@
 """Log configuration: one line per event with the request's id, readable in a terminal and JSON elsewhere."""
 
-from __future__ import annotations
-
 import logging
 import os
 import sys
@@ -28,14 +26,10 @@ _LIBRARY_LEVELS = {
 def configure(
     log_format: Format = "auto", level: str = "info", *, log_uvicorn: bool = False, worker: int | None = None
 ) -> None:
-    """Send log entries of structlog and of the standard library to stderr in one format.
+    """Send log entries of structlog and of the standard library to stderr in one format, from a level on.
 
-    Args:
-        log_format: ``auto`` is ``human`` if stderr is a terminal, else ``json``.
-        level: minimum level: debug, info, warning or error.
-        log_uvicorn: True: log uvicorn's entries as well, such as its address and the start of processes, from the level
-            of its own --log-level on; False: only its warnings.
-        worker: process id to add to each line, if there are several processes (``--workers``).
+    ``log_uvicorn``: also uvicorn's entries, such as its address, from the level of its --log-level on, not only its
+    warnings. ``worker``: process id to add to each line (``--workers``).
     """
 
     # The core of gRPC writes lines of its own to stderr, such as failed TLS handshakes; errors of calls tell enough.

@@ -1,7 +1,5 @@
 """Prometheus metrics, in a registry per application so that two in one process do not collide."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator, Mapping
 from typing import Final
 
@@ -77,12 +75,9 @@ class Metrics(Collector):
         self.registry.register(self)
 
     def watch(self, name: str, description: str, read: Callable[[], Reading], *, label: str = "") -> None:
-        """Add a metric that is read in the event loop when Prometheus scrapes.
+        """Add a metric that is read in the event loop when Prometheus scrapes: a counter (``_total``) or a gauge.
 
-        It is a counter if its name ends in ``_total``, else a gauge.
-
-        Args:
-            label: label of a metric with several values; ``read`` returns them by the label's value.
+        With a label, ``read`` returns values by the label's value.
         """
         self._watched.append((name, description, read, label))
 

@@ -1,7 +1,5 @@
 """The newest log entries of a logger, kept in memory for interfaces that show them."""
 
-from __future__ import annotations
-
 import logging
 from collections import deque
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """A finished request of the render endpoint, for the browser view's list of recent renders."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 

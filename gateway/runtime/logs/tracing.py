@@ -3,8 +3,6 @@
 The current span is a context variable. ``WorkerPool`` and asyncio's tasks carry it along.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from contextlib import AbstractContextManager, nullcontext
 from functools import partial

@@ -3,8 +3,6 @@
 ``/healthz`` lists the warnings, and the page shows the interface in yellow.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import Any, Final
 

@@ -4,8 +4,6 @@ The flags of ``scenegate serve``, the ``SCENEGATE_*`` environment variables, the
 ``docs/configuration.md`` are made from them. Flags override the environment, which overrides the file.
 """
 
-from __future__ import annotations
-
 from typing import Final
 
 from gateway.runtime.settings.setting_sources import SettingsError, load, unknown_environment

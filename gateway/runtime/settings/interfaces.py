@@ -1,7 +1,5 @@
 """Settings of the render endpoint, the live scene and the tree viewer; which interfaces run, and where they listen."""
 
-from __future__ import annotations
-
 import os
 from functools import partial
 from pathlib import Path

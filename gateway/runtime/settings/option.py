@@ -1,7 +1,5 @@
 """A setting as a pydantic field, and its flag, environment variable and value as text for help and reference."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any, Literal, get_args, get_origin
 
@@ -14,13 +12,9 @@ ENV_PREFIX = "SCENEGATE_"
 
 
 def option(group: str, default: Any, text: str, *, flag: str | None = None, **limits: Any) -> Any:
-    """Return a pydantic field.
+    """Return a pydantic field with a heading for help and reference, a help text, and a second name of the flag.
 
-    Args:
-        group: heading in the help and in the reference.
-        text: help text.
-        flag: second name on the command line.
-        limits: ``ge``, ``le``, ``gt``, ``pattern`` as in ``pydantic.Field``.
+    ``limits``: ``ge``, ``le``, ``gt``, ``pattern`` as in ``pydantic.Field``.
     """
     return Field(default, description=text, json_schema_extra={"group": group, "flag": flag or ""}, **limits)
 

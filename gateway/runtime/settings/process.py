@@ -1,7 +1,5 @@
 """Settings of the process: access, stored state, limits, logs."""
 
-from __future__ import annotations
-
 from functools import partial
 from pathlib import Path
 from typing import Literal

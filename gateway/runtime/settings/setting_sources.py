@@ -1,7 +1,5 @@
 """Loads settings from flags, environment and a TOML file; every invalid value is one sentence that names its source."""
 
-from __future__ import annotations
-
 import os
 import tomllib
 from collections.abc import Iterable, Mapping
@@ -48,12 +46,7 @@ class SettingsError(ValueError):
 def load(flags: Mapping[str, Any] | None = None, config: Path | None = None) -> Settings:
     """Return the settings; flags override the environment, which overrides the TOML file.
 
-    Args:
-        flags: values given on the command line, by setting.
-        config: TOML file; default: the file named by SCENEGATE_CONFIG, if set.
-
-    Raises:
-        SettingsError: a value is invalid, or the file cannot be read.
+    ``config``: default: the file named by SCENEGATE_CONFIG, if set. Raises SettingsError.
     """
     flags = flags or {}
     if config is None and os.environ.get(CONFIG_ENV):

@@ -1,7 +1,5 @@
 """All settings in one class, and the rules between them."""
 
-from __future__ import annotations
-
 import os
 from pathlib import Path
 from typing import Final, Self

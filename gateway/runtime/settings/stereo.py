@@ -1,7 +1,5 @@
 """Settings of the stereo camera."""
 
-from __future__ import annotations
-
 from functools import partial
 from pathlib import Path
 from typing import Literal, Self

@@ -1,7 +1,5 @@
 """Types of settings' values, and how they are parsed from text."""
 
-from __future__ import annotations
-
 import os
 import re
 from collections.abc import Callable

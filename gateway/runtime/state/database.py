@@ -8,8 +8,6 @@ SQLite reads a log up to its first damaged page and drops the rest in silence. T
 the number of the last commit, and an opened database with a smaller number has lost some.
 """
 
-from __future__ import annotations
-
 import contextlib
 import errno
 import os
@@ -23,6 +21,8 @@ from typing import Final
 
 from gateway.runtime.file_lock import Lock, try_lock
 
+CHECKPOINT_BYTES: Final = 16 << 20
+"""Size of the write-ahead log at which a commit copies it into the database file."""
 LOCK_SECONDS: Final = 2.0
 """Maximum seconds to wait until another gateway releases the file, so that a supervisor can restart a killed gateway
 without a delay."""
@@ -31,28 +31,29 @@ _APPLICATION_ID: Final = b"SCGT"
 """Bytes 68 to 71 of the file's header (sqlite.org/fileformat2.html, 1.3)."""
 SCHEMA_VERSION: Final = 4
 
-_SCHEMA: Final = (
-    # ``path`` is JSON. ``seq`` orders siblings. ``parts``: digest of the geometry (part_codec.py), NULL if none.
-    # ``transform``: NULL for the identity, 56 bytes for a pose, 128 for a matrix (little-endian doubles).
-    """CREATE TABLE tree_node (
-        path TEXT PRIMARY KEY, seq INTEGER NOT NULL, parts BLOB, transform BLOB, visible INTEGER NOT NULL,
-        opacity REAL NOT NULL
-    ) WITHOUT ROWID""",
-    "INSERT INTO tree_node VALUES ('[]', 0, NULL, NULL, 1, 1)",
-    # ``digest`` is the SHA-256 of ``data``. ``tree_use`` has the nodes whose geometry needs a blob.
-    "CREATE TABLE tree_blob (digest BLOB PRIMARY KEY, data BLOB NOT NULL)",
-    "CREATE TABLE tree_use (path TEXT, digest BLOB, PRIMARY KEY (path, digest)) WITHOUT ROWID",
-    "CREATE INDEX tree_use_digest ON tree_use (digest)",
-    # Parameters of the stereo cameras; ``value`` is JSON.
-    """CREATE TABLE stereo_parameter (
-        camera TEXT NOT NULL, node TEXT NOT NULL, name TEXT NOT NULL, value TEXT NOT NULL,
-        PRIMARY KEY (camera, node, name)
-    ) WITHOUT ROWID""",
-    "CREATE TABLE commits (number INTEGER NOT NULL)",
-    "INSERT INTO commits VALUES (0)",
-    f"PRAGMA application_id = {int.from_bytes(_APPLICATION_ID, 'big')}",
-    f"PRAGMA user_version = {SCHEMA_VERSION}",
-)
+_SCHEMA: Final = f"""
+BEGIN IMMEDIATE;
+-- path is JSON. seq orders siblings. parts: digest of the geometry (part_codec.py), NULL if none. transform: NULL for
+-- the identity, 56 bytes for a pose, 128 for a matrix (little-endian doubles).
+CREATE TABLE tree_node (
+    path TEXT PRIMARY KEY, seq INTEGER NOT NULL, parts BLOB, transform BLOB, visible INTEGER NOT NULL,
+    opacity REAL NOT NULL
+) WITHOUT ROWID;
+INSERT INTO tree_node VALUES ('[]', 0, NULL, NULL, 1, 1);
+-- digest is the SHA-256 of data. tree_use has the nodes whose geometry needs a blob.
+CREATE TABLE tree_blob (digest BLOB PRIMARY KEY, data BLOB NOT NULL);
+CREATE TABLE tree_use (path TEXT, digest BLOB, PRIMARY KEY (path, digest)) WITHOUT ROWID;
+CREATE INDEX tree_use_digest ON tree_use (digest);
+-- Parameters of the stereo cameras; value is JSON.
+CREATE TABLE stereo_parameter (
+    camera TEXT, node TEXT, name TEXT, value TEXT NOT NULL, PRIMARY KEY (camera, node, name)
+) WITHOUT ROWID;
+CREATE TABLE commits (number INTEGER NOT NULL);
+INSERT INTO commits VALUES (0);
+PRAGMA application_id = {int.from_bytes(_APPLICATION_ID, "big")};
+PRAGMA user_version = {SCHEMA_VERSION};
+COMMIT;
+"""  # noqa: S608 - constants
 
 
 class StateError(RuntimeError):
@@ -62,12 +63,8 @@ class StateError(RuntimeError):
 class Database:
     """An open database file. Its connection may be used from one thread at a time."""
 
-    def __init__(self, path: Path, checkpoint_bytes: int = 16 << 20) -> None:
-        """Open the file, or create it; raise ``StateError`` if it cannot be used.
-
-        Args:
-            checkpoint_bytes: Size of the write-ahead log at which a commit copies it into the database file.
-        """
+    def __init__(self, path: Path) -> None:
+        """Open the file, or create it; raise ``StateError`` if it cannot be used."""
         self.path = path
         self._log_path, self._count_path = (path.with_name(path.name + suffix) for suffix in ("-wal", "-commits"))
         self.loss = ""
@@ -80,7 +77,7 @@ class Database:
             is_new, confirmed = _is_new(path, self._lock), self._confirmed_commits()
             if is_new and confirmed:  # SQLite would delete the log
                 self._report_loss(0, confirmed)
-            self.connection = _connect(path, checkpoint_bytes, with_locks=self.is_locked)
+            self.connection = _connect(path, with_locks=self.is_locked)
             undo.callback(self.connection.close)
             _create_or_check(path, self.connection)
             self.connection.execute("PRAGMA journal_mode = WAL")
@@ -96,8 +93,7 @@ class Database:
     def transact(self, write: Callable[[sqlite3.Connection], bool]) -> bool:
         """Call ``write`` in a transaction; return its result, which is False if it has written nothing.
 
-        Raises:
-            OSError: The file is not the opened one any more.
+        Raises OSError if the file is not the opened one any more.
         """
         if self._current_files() != self._files:
             raise FileNotFoundError(errno.ENOENT, "the state file was deleted or replaced while Scenegate ran")
@@ -194,7 +190,7 @@ def _is_new(path: Path, descriptor: int) -> bool:
     return not header
 
 
-def _connect(path: Path, checkpoint_bytes: int, *, with_locks: bool) -> sqlite3.Connection:
+def _connect(path: Path, *, with_locks: bool) -> sqlite3.Connection:
     uri = path.absolute().as_uri() + ("" if with_locks else "?vfs=unix-none")  # the latter asks for no locks
     connection = sqlite3.connect(uri, uri=True, isolation_level=None, check_same_thread=False)
     (page_bytes,) = connection.execute("PRAGMA page_size").fetchone()
@@ -202,8 +198,8 @@ def _connect(path: Path, checkpoint_bytes: int, *, with_locks: bool) -> sqlite3.
         connection.execute("PRAGMA locking_mode = EXCLUSIVE")
     for pragma in (
         "synchronous = NORMAL",
-        f"wal_autocheckpoint = {max(1, checkpoint_bytes // page_bytes)}",
-        f"journal_size_limit = {checkpoint_bytes}",  # otherwise the log never shrinks
+        f"wal_autocheckpoint = {max(1, CHECKPOINT_BYTES // page_bytes)}",
+        f"journal_size_limit = {CHECKPOINT_BYTES}",  # otherwise the log never shrinks
         "temp_store = MEMORY",
         "busy_timeout = 5000",
     ):
@@ -218,11 +214,7 @@ def _create_or_check(path: Path, connection: sqlite3.Connection) -> None:
         raise StateError(f"The state file {path} is damaged ({' '.join(str(result).split())}); it is unchanged.")
     (version,) = connection.execute("PRAGMA user_version").fetchone()
     if version == 0:  # new, or the process was killed while it created the tables
-        with connection:
-            connection.execute("BEGIN IMMEDIATE")
-            for statement in _SCHEMA:
-                connection.execute(statement)
-        return
-    if version != SCHEMA_VERSION:
+        connection.executescript(_SCHEMA)
+    elif version != SCHEMA_VERSION:
         needs = f"this Scenegate reads {SCHEMA_VERSION}"
         raise StateError(f"The state file {path} has schema version {version}, {needs}; it is unchanged.")

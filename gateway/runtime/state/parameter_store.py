@@ -1,7 +1,5 @@
 """A stereo camera's parameters in the database, as names and JSON values."""
 
-from __future__ import annotations
-
 import sqlite3
 from collections.abc import Collection, Mapping
 from typing import Any, Protocol
@@ -32,10 +30,9 @@ class ParameterStore:
         self._camera, self._nodes, self._parameters = camera, nodes, parameters
 
     def restore(self, connection: sqlite3.Connection) -> Values:
-        """Set the stored values. Values that this version does not know or accept are logged and skipped.
+        """Set the stored values; those that this version does not know or accept are logged and skipped.
 
-        Returns:
-            All values, so that defaults are not written: a later release may have better ones.
+        Returns all values, so that defaults are not written: a later release may have better ones.
         """
         rows = connection.execute(
             "SELECT node, name, value FROM stereo_parameter WHERE camera = ? ORDER BY node, name", (self._camera,)

@@ -9,8 +9,6 @@ only; everything else is a "persistent id" of the pickle module, a tuple that st
 ``shared`` is for materials and meshes, and for the parts of a node. Equal blobs are decoded to one object.
 """
 
-from __future__ import annotations
-
 import hashlib
 import io
 import pickle

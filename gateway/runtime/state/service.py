@@ -4,8 +4,6 @@ One transaction, on a thread for commits only, stores all changes since the last
 the newest and the stored state, so its cost does not depend on the number of edits.
 """
 
-from __future__ import annotations
-
 import asyncio
 import contextlib
 import sqlite3
@@ -24,6 +22,8 @@ _log = structlog.get_logger("gateway.state")
 
 MAX_WAITING_BYTES: Final = 64 * MIB
 """Maximum bytes of responses that wait for a commit. Further requests are rejected before they change the tree."""
+IDLE_COMMIT_SECONDS: Final = 1.0
+"""Maximum time until an edit is stored that no client waits for."""
 
 OnStored = Callable[[str], None]
 """Callback on the event loop. Its argument is the reason why the changes could not be stored, empty if they are."""
@@ -48,22 +48,9 @@ class PersistentState:
     Runs on the event loop, except ``add``, and ``_commit``, which runs on the commit thread.
     """
 
-    def __init__(
-        self,
-        path: Path,
-        *,
-        max_waiting_bytes: int = MAX_WAITING_BYTES,
-        idle_commit_seconds: float = 1.0,
-        checkpoint_bytes: int = 16 * MIB,
-    ) -> None:
-        """Open the file; raise ``StateError`` if it cannot be used.
-
-        Args:
-            idle_commit_seconds: Maximum seconds until an edit is stored that no client waits for.
-            checkpoint_bytes: Size of the write-ahead log at which a commit copies it into the database file.
-        """
-        self._max_waiting_bytes, self._idle_commit_seconds = max_waiting_bytes, idle_commit_seconds
-        self.database = Database(path, checkpoint_bytes)
+    def __init__(self, path: Path) -> None:
+        """Open the file; raise ``StateError`` if it cannot be used."""
+        self.database = Database(path)
         self._log = _log.bind(path=str(path))
         if not self.database.is_locked:
             self._log.warning("The file system of the state file has no locks: use it in one gateway only")
@@ -87,8 +74,7 @@ class PersistentState:
     def add(self, store: Store) -> None:
         """Restore a store, and include it in all further transactions. Takes up to seconds; any thread may call it.
 
-        Raises:
-            StateError: The stored state cannot be read.
+        Raises StateError if the stored state cannot be read.
         """
         try:
             self._stored[store] = store.restore(self.database.connection)
@@ -104,14 +90,13 @@ class PersistentState:
 
     @property
     def full(self) -> bool:
-        """True while more than ``max_waiting_bytes`` wait, so that new requests should be rejected."""
-        return self.waiting_bytes > self._max_waiting_bytes
+        """True while more than ``MAX_WAITING_BYTES`` wait, so that new requests should be rejected."""
+        return self.waiting_bytes > MAX_WAITING_BYTES
 
     def call_when_stored(self, on_stored: OnStored, nbytes: int = 0) -> None:
         """Commit all changes so far, then call ``on_stored``. Callbacks run in the order of these calls.
 
-        Args:
-            nbytes: Bytes that the caller holds until the callback.
+        ``nbytes``: bytes that the caller holds until the callback.
         """
         self._waiting.append((on_stored, nbytes))
         self.waiting_bytes += nbytes
@@ -146,10 +131,10 @@ class PersistentState:
         await asyncio.to_thread(self.database.close)
 
     async def _run(self) -> None:
-        """Commit when a caller waits, and every ``idle_commit_seconds``."""
+        """Commit when a caller waits, and every ``IDLE_COMMIT_SECONDS``."""
         while True:
             with contextlib.suppress(TimeoutError):
-                await asyncio.wait_for(self._requested.wait(), self._idle_commit_seconds)
+                await asyncio.wait_for(self._requested.wait(), IDLE_COMMIT_SECONDS)
             self._requested.clear()
             waiting, self._waiting = self._waiting, []
             captured = {store: store.capture() for store in self._stored}

@@ -3,11 +3,8 @@
 Each transaction writes the differences between the live tree and the stored tree. All rows are read at start.
 """
 
-from __future__ import annotations
-
 import json
 import sqlite3
-import struct
 from collections.abc import Iterable
 from typing import Final
 
@@ -18,7 +15,7 @@ from gateway.scene.tree.live import LiveTree
 from gateway.scene.tree.nodes import Change, Node, Path, TreeEdit, changes
 from gateway.scene.tree.transforms import IDENTITY
 
-_POSE: Final = struct.Struct("<7d")
+_POSE_NUMBERS: Final = 7
 """Position and quaternion."""
 
 
@@ -76,7 +73,8 @@ class TreeStore:
             for _, _, path, parts, transform, visible, opacity in rows:
                 edit.set_visible(path, bool(visible))
                 edit.set_opacity(path, opacity)
-                _set_transform(edit, path, transform)
+                if transform is not None:
+                    _set_transform(edit, path, transform)
                 if parts is not None:
                     edit.set_parts(path, decoder.decode(parts))
         return self.capture()
@@ -117,13 +115,13 @@ class TreeStore:
 
 def _encode_transform(node: Node) -> bytes | None:
     """Return a pose or matrix as little-endian doubles; None for the identity."""
-    if node.pose is not None:
-        return _POSE.pack(*node.pose)
-    return None if node.matrix is IDENTITY else np.ascontiguousarray(node.matrix, "<f8").tobytes()
+    values = node.matrix if node.pose is None else node.pose
+    return None if values is IDENTITY else np.asarray(values, "<f8").tobytes()
 
 
-def _set_transform(edit: TreeEdit, path: Path, transform: bytes | None) -> None:
-    if transform is not None and len(transform) == _POSE.size:
-        edit.set_pose(path, _POSE.unpack(transform))
-    elif transform is not None:
-        edit.set_matrix(path, np.frombuffer(transform, "<f8").reshape(4, 4))
+def _set_transform(edit: TreeEdit, path: Path, transform: bytes) -> None:
+    numbers = np.frombuffer(transform, "<f8")
+    if len(numbers) == _POSE_NUMBERS:
+        edit.set_pose(path, tuple(numbers.tolist()))
+    else:
+        edit.set_matrix(path, numbers.reshape(4, 4))

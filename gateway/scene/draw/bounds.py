@@ -1,7 +1,5 @@
 """Axis-aligned bounding boxes of meshes, instances and scenes."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from functools import cached_property
 from typing import Final
@@ -97,11 +95,7 @@ def corners_of(bounds: Bounds) -> NDArray[np.float64]:
 
 
 def _transformed_boxes(hull: _Hull, X_world_mesh: NDArray[np.float64]) -> NDArray[np.float64] | None:
-    """Return the world boxes of a mesh at N poses, (N, 2, 3); None for a mesh that draws nothing.
-
-    Args:
-        X_world_mesh: (N, 4, 4) float64.
-    """
+    """Return the world boxes of a mesh at N poses, (N, 4, 4), as (N, 2, 3); None for a mesh that draws nothing."""
     if hull.box is None:
         return None
     linear, offset = X_world_mesh[:, :3, :3], X_world_mesh[:, :3, 3]
@@ -115,12 +109,7 @@ def _transformed_boxes(hull: _Hull, X_world_mesh: NDArray[np.float64]) -> NDArra
 
 
 def _mapped_boxes(linear: NDArray[np.float64], points: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the box of K points under each of N linear maps, (N, 2, 3).
-
-    Args:
-        linear: (N, 3, 3) float64.
-        points: (K, 3) float64.
-    """
+    """Return the box of K points, (K, 3), under each of N linear maps, (N, 3, 3), as (N, 2, 3)."""
     boxes = np.empty((len(linear), 2, 3))
     step = max(1, _CHUNK_VERTICES // len(points))
     for begin in range(0, len(linear), step):

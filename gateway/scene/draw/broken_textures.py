@@ -1,7 +1,5 @@
 """Removes textures that cannot be decoded. Such a texture would make every image of the live scene fail."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import msgspec
@@ -12,15 +10,10 @@ from renderers.drawlist import Image, ImageError, Material, Texture
 
 
 def without_broken_textures(parts: tuple[Part, ...], max_pixels: int, warnings: list[str]) -> tuple[Part, ...]:
-    """Return the parts without textures that cannot be decoded.
+    """Return the parts without textures that cannot be decoded, or are above ``max_pixels``; append warnings.
 
     A broken texture from one client must not break images for the other clients. Each texture is decoded once as a
-    test; its pixels are not kept.
-
-    Args:
-        max_pixels: Maximum total number of pixels, each different image counted once. A texture beyond it is removed,
-            too.
-        warnings: A sentence is appended for each image that is removed.
+    test; its pixels are not kept. Equal images count once.
     """
     is_usable: dict[Image, bool] = {}
     pixels_left = max_pixels

@@ -12,8 +12,6 @@
     a free orthographic camera, whose image is twice ``xmag`` wide, as in glTF.
 """
 
-from __future__ import annotations
-
 import json
 import math
 from dataclasses import dataclass
@@ -120,11 +118,7 @@ class PoseCamera:
 
 
 def parse_camera(text: str) -> CameraSpec:
-    """Parse a camera's text.
-
-    Raises:
-        CameraError: The text does not follow the grammar. The message quotes the part that is wrong.
-    """
+    """Parse a camera's text. Raises CameraError, with the part that is wrong, if it does not follow the grammar."""
     if len(text) > MAX_CAMERA_CHARACTERS:
         raise CameraError(f"camera text has {len(text)} characters, at most {MAX_CAMERA_CHARACTERS} are allowed")
     stripped = text.strip()

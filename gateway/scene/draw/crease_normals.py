@@ -218,14 +218,10 @@ def _split_at_creases(
 def smooth_mesh(
     positions: NDArray[np.float32], faces: NDArray[np.uint32]
 ) -> tuple[NDArray[np.float32], NDArray[np.uint32], NDArray[np.float32]]:
-    """Return a copy of a mesh with unit normals. Vertices are duplicated at creases; unused vertices are left out.
+    """Return positions (K, 3), faces (M, 3) and unit normals (K, 3) of a copy of a mesh.
 
-    Args:
-        positions: (N, 3) float32, finite, C-contiguous.
-        faces: (M, 3) uint32, C-contiguous, every value < N (not checked).
-
-    Returns:
-        Positions (K, 3) float32, faces (M, 3) uint32 and normals (K, 3) float32.
+    Vertices are duplicated at creases; unused ones are left out. The input is finite and C-contiguous, (N, 3) and (M,
+    3), every index < N (not checked).
     """
     source_vertex, out_faces, normals = smooth_vertices(positions, faces)
     return positions.take(source_vertex, axis=0), out_faces, normals  # a quarter of an index's time
@@ -234,10 +230,9 @@ def smooth_mesh(
 def smooth_vertices(
     positions: NDArray[np.float32], faces: NDArray[np.uint32], crease_angle: float = CREASE_ANGLE
 ) -> tuple[NDArray[np.int64], NDArray[np.uint32], NDArray[np.float32]]:
-    """Return what ``smooth_mesh`` does, with the vertex in ``positions`` of each position, (K,) int64, in its place.
+    """Return what ``smooth_mesh`` does, with the vertex in ``positions`` of each position, (K,), in its place.
 
-    Args:
-        crease_angle: Degrees, up to ``NO_CREASES``.
+    The crease angle is in degrees, up to ``NO_CREASES``.
     """
     stop = current_stop()
     smooth = _split_at_creases(
@@ -257,11 +252,7 @@ def with_creases(
 ) -> Mesh:
     """Return a mesh with unit normals. Vertices at equal positions are merged, then duplicated at creases.
 
-    Args:
-        positions: (N, 3) float32, finite.
-        triangles: (M, 3) uint32.
-        uv: (N, 2) float32 or None.
-        colors: (N, 4) float32 or None.
+    Positions (N, 3) are finite; ``uv`` is (N, 2), ``colors`` (N, 4).
     """
     # Compare positions by their bytes; adding 0 turns -0 into 0.
     position_bytes = np.ascontiguousarray(positions + np.float32(0.0)).view(np.dtype((np.void, 12))).ravel()

@@ -5,8 +5,6 @@ nodes that were edited or moved. One NumPy call multiplies the matrices of a who
 single nodes would take longer than the arithmetic.
 """
 
-from __future__ import annotations
-
 import threading
 from collections.abc import Callable, Iterable
 from typing import Final, NamedTuple
@@ -79,11 +77,7 @@ class _PendingUpdate(NamedTuple):
 
 
 def flatten(root: Node, *, label_of: LabelOf | None = None) -> DrawList:
-    """Return the draw list of a tree.
-
-    Args:
-        label_of: Returns the label of each part; None: all labels are ``LABEL_NONE``.
-    """
+    """Return the draw list of a tree. ``label_of`` returns the label of each part; None: all are ``LABEL_NONE``."""
     return _TreeFlattener(label_of or (lambda path, part: LABEL_NONE)).flatten(root)
 
 
@@ -201,8 +195,7 @@ class _TreeFlattener:
     def _add_children(self, entry: _Entry, node: Node, changed: bool, next_level: list[_PendingUpdate]) -> None:
         """Append the children that need an update to ``next_level``, and drop the entries of removed children.
 
-        Args:
-            changed: True if the world matrix or the opacity of ``entry`` has changed.
+        ``changed``: the world matrix or the opacity of ``entry`` has.
         """
         drawn = {name: child for name, child in node.children.items() if child.visible and child.nodes_with_parts}
         if list(entry.children) != list(drawn):

@@ -4,8 +4,6 @@ Text is drawn in one font, the first that has all its characters. Only scripts t
 has, such as Thai, Devanagari and those that run from right to left, depend on the fonts of the machine.
 """
 
-from __future__ import annotations
-
 import shutil
 import subprocess
 import threading
@@ -33,11 +31,7 @@ class Font(Protocol):
     """Characters of the text that the font does not have. They appear as boxes."""
 
     def width(self, line: str, size: int) -> float:
-        """Return the width of a line, pixels.
-
-        Args:
-            size: height from the deepest descender to the highest ascender, pixels.
-        """
+        """Return the width of a line, pixels, if ``size`` is from the deepest descender to the highest ascender."""
 
     def draw(self, lines: Sequence[str], letters: NDArray[np.uint8], margin: int, size: int) -> None:
         """Draw lines below each other into an empty image of coverage, (H, W) uint8. Their height is ``size``."""

@@ -1,7 +1,5 @@
 """Meshes of rectangles, heightmaps and camera frustums, with texture coordinates for images."""
 
-from __future__ import annotations
-
 from typing import Final
 
 import numpy as np
@@ -14,14 +12,9 @@ _CORNERS: Final = np.array(((-0.5, -0.5), (0.5, -0.5), (0.5, 0.5), (-0.5, 0.5)))
 
 
 def rectangle(width: float, height: float, repeats: float = 1.0) -> Mesh:
-    """Return a rectangle in the plane z = 0, centred on the origin, with an image that is upright as seen from +z.
+    """Return a rectangle of metres in the plane z = 0, centred on the origin, with an image upright as seen from +z.
 
-    The image's rows run along +x, its top is towards +y.
-
-    Args:
-        width: Extent along x, metres.
-        height: Extent along y, metres.
-        repeats: Number of images along each side.
+    The image's rows run along +x, its top is towards +y; it is repeated along each side.
     """
     positions = np.zeros((4, 3), np.float32)
     positions[:, :2] = _CORNERS * (width, height)
@@ -33,17 +26,12 @@ def rectangle(width: float, height: float, repeats: float = 1.0) -> Mesh:
 def heightmap_mesh(
     heights: NDArray[np.float32], lengths: tuple[float, float], colors: NDArray[np.float32] | None
 ) -> Mesh | None:
-    """Return the surface z = heights over a rectangle in x and y that is centred on the origin.
+    """Return the surface z = heights over a rectangle of metres in x and y that is centred on the origin.
 
-    Args:
-        heights: (R, C) float32, metres; R, C >= 2. x grows with the column, y with the row. Triangles with
-            a height that is not finite are left out.
-        lengths: Extents along x and y, metres, > 0.
-        colors: (R * C, 4) float32, linear RGBA for each height, row by row; None: no colours.
-
-    Returns:
-        A mesh with smooth normals, or None if no triangle is left. The texture coordinates are (0, 0) at the first
-        height and (1, 1) at the last one, so that the first row of an image lies along the first row of heights.
+    Heights are (R, C), R, C >= 2; x grows with the column, y with the row. Triangles with a height that is not finite
+    are left out; None if no triangle is left. Colours are (R * C, 4), linear, row by row. The texture coordinates are
+    (0, 0) at the first height and (1, 1) at the last one, so that the first row of an image lies along the first row of
+    heights.
     """
     rows, columns = heights.shape
     u, v = np.linspace(0.0, 1.0, columns), np.linspace(0.0, 1.0, rows)
@@ -85,15 +73,9 @@ def frustum_edges(
 ) -> tuple[Mesh, NDArray[np.float64]]:
     """Return the edges of a camera's frustum as hairlines, in the optical frame (+z forward, +x right, +y down).
 
-    Args:
-        width, height: Size of the image, pixels.
-        focal: fx and fy, pixels.
-        principal: cx and cy, pixels.
-        depth: Distance of the image plane from the camera, metres.
-
-    Returns:
-        The hairlines, with a triangle above the image's top edge that marks the upward direction; and the corners of
-        the image plane, (4, 3) metres: top left, top right, bottom right, bottom left. Corners may be infinite or NaN.
+    Sizes, fx, fy, cx, cy are in pixels, the depth of the image plane in metres. A triangle above the image's top edge
+    marks the upward direction. Also returns the corners of the image plane, (4, 3) metres: top left, top right, bottom
+    right, bottom left. They may be infinite or NaN.
     """
     pixels = np.array(((0.0, 0.0), (width, 0.0), (width, height), (0.0, height)))
     corners = np.empty((4, 3))

@@ -1,7 +1,5 @@
 """The live scene as the sources of images and files of it need it."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass, field
 

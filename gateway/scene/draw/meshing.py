@@ -1,7 +1,5 @@
 """Converts shapes to meshes. Boxes, spheres and cylinders share unit meshes, which the instance's transform scales."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterable
 from dataclasses import replace

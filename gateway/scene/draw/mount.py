@@ -1,7 +1,5 @@
 """Mount of a stereo camera, a fixed pose or a node of the tree, as users write it."""
 
-from __future__ import annotations
-
 import re
 from dataclasses import dataclass
 from typing import Final
@@ -17,11 +15,7 @@ from gateway.scene.tree.transforms import from_pose, look_at
 def parse_mount_pose(text: str) -> NDArray[np.float64]:
     """Parse the pose of an optical frame: ``x,y,z,qw,qx,qy,qz`` or ``eye=x,y,z;target=x,y,z;up=x,y,z``.
 
-    Returns:
-        X_world_camera, (4, 4) float64.
-
-    Raises:
-        CameraError: The text has neither form.
+    Returns X_world_camera, (4, 4). Raises CameraError if the text has neither form.
     """
     if "=" in text:
         camera = parse_camera(text)
@@ -37,11 +31,7 @@ def parse_mount_pose(text: str) -> NDArray[np.float64]:
 
 
 def parse_mount_path(text: str) -> Path:
-    """Parse a path of the tree from JSON such as ``["robot", "head"]``.
-
-    Raises:
-        CameraError: The text is not a list of names.
-    """
+    """Parse a path of the tree from JSON such as ``["robot", "head"]``. Raises CameraError for another text."""
     camera = parse_camera(f"path:{text}")
     assert isinstance(camera, NodeCamera)
     return camera.path
@@ -82,8 +72,7 @@ class MountedCamera:
 def parse_mounted_camera(text: str) -> MountedCamera:
     """Parse an entry of ``--stereo-cameras``.
 
-    Raises:
-        CameraError: An option is given twice or is invalid, or the rest is neither a pose nor a node.
+    Raises CameraError if an option is given twice or invalid, or the rest is neither a pose nor a node.
     """
     options: dict[str, str] = {}
     rest = text.strip()

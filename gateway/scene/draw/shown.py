@@ -1,7 +1,5 @@
 """Parses what a query shows of the live scene besides its camera: hidden nodes and the background."""
 
-from __future__ import annotations
-
 import re
 from typing import Final
 
@@ -22,11 +20,7 @@ class ShownError(ValueError):
 
 
 def parse_paths(name: str, text: str) -> tuple[Path, ...]:
-    """Parse the JSON list of paths in the parameter ``name``.
-
-    Raises:
-        ShownError: The text is not such a list.
-    """
+    """Parse the JSON list of paths in the parameter ``name``. Raises ShownError if it is no such list."""
     try:
         return _paths_decoder.decode(text)
     except (msgspec.DecodeError, UnicodeEncodeError) as error:
@@ -36,11 +30,7 @@ def parse_paths(name: str, text: str) -> tuple[Path, ...]:
 
 
 def parse_color(name: str, text: str) -> tuple[int, int, int]:
-    """Parse the colour in the parameter ``name``; return red, green and blue, 0 .. 255.
-
-    Raises:
-        ShownError: The text is not six hexadecimal digits.
-    """
+    """Return red, green and blue, 0 .. 255, of the parameter ``name``. Raises ShownError without six hex digits."""
     if _COLOR.fullmatch(text) is None:
         raise ShownError(f"{name}={quoted(text)} is not a colour in six hexadecimal digits such as 'cce5ff'")
     red, green, blue = bytes.fromhex(text)

@@ -1,7 +1,5 @@
 """Shading of images of a scene, as settings, commands and requests choose it."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Final, Literal
 
@@ -32,12 +30,7 @@ class Style:
     """Alpha below which blended surfaces are cut out; see ``Look``."""
 
     def look_for(self, scene_look: LookName, requested: LookChoice | None = None) -> Look:
-        """Return the look of an image.
-
-        Args:
-            scene_look: look of the scene, for ``auto``.
-            requested: look of one request, instead of ``look``.
-        """
+        """Return the look of an image: that of its request, or ``look``, for which ``auto`` is the scene's."""
         choice = requested or self.look
         name = scene_look if choice == "auto" else choice
         samples = self.samples or (STUDIO_SAMPLES if name == "studio" else 1)

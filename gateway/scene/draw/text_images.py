@@ -1,7 +1,5 @@
 """Draws text into images."""
 
-from __future__ import annotations
-
 from typing import Final
 
 import numpy as np
@@ -21,13 +19,9 @@ _MIN_LINE_PIXELS: Final = 8
 
 
 def text_image(text: str, font: Font, color: Color, background: Color) -> tuple[NDArray[np.uint8], float]:
-    """Return an image of text, (H, W, 4) uint8 RGBA with straight alpha, and H divided by the height of a line.
+    """Return an image of lines of text, (H, W, 4) with straight alpha, and H divided by the height of a line.
 
-    Args:
-        text: Lines of text, separated by newlines.
-        font: The font of the whole text.
-        color: Colour of the letters.
-        background: Colour of the rectangle behind them; alpha 0: no rectangle.
+    ``background``: colour of the rectangle behind the letters; alpha 0: no rectangle.
     """
     from PIL import Image  # slow to import, and few scenes have text
 

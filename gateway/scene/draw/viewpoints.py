@@ -1,7 +1,5 @@
 """Places cameras in a scene: computes pose, focal length and clipping planes."""
 
-from __future__ import annotations
-
 import json
 import math
 from collections.abc import Iterator
@@ -58,20 +56,12 @@ def resolve_camera(
     stereo: Camera | None = None,
     draw_list: DrawList | None = None,
 ) -> Camera:
-    """Return the camera for an image of a scene.
+    """Return the camera for an image of a scene; ``fovy``, in degrees, is for a spec without one.
 
-    Args:
-        spec: Result of ``parse_camera``, or an orbit or pose.
-        root: Root of the scene's tree.
-        width, height: Size of the image, pixels.
-        fovy: Vertical field of view in degrees, if ``spec`` has none.
-        near, far: Clipping planes, metres; None: chosen so that the whole scene lies between them.
-        stereo: Current left camera of the stereo sensor, of any size; None without such a sensor.
-        draw_list: The tree's draw list, if the caller has it; None: it is computed.
-
-    Raises:
-        NoSuchCameraError: The node does not exist, or there is no stereo camera.
-        CameraError: A node's frame is not invertible, or the size, ``fovy`` or the planes are invalid.
+    Planes are in metres; None: chosen so that the whole scene lies between them. ``stereo``: current left camera of the
+    stereo sensor, of any size; None without such a sensor. ``draw_list``: the tree's, if the caller has it. Raises
+    NoSuchCameraError if the node or the stereo camera does not exist; CameraError if a node's frame is not invertible,
+    or a number is invalid.
     """
     if not MIN_FOVY <= fovy < 180.0:
         raise CameraError(f"fovy {fovy:g} must be at least {MIN_FOVY:g} and less than 180 degrees")
@@ -119,15 +109,8 @@ def orthographic_camera(
     """Return an orthographic camera: a pinhole far behind its pose, whose depth counts from the pose.
 
     Its distance is ``_EYE_DISTANCE`` times the size of what is seen. Farther away, depth in float32 would be coarser;
-    nearer, the scale would depend more on the depth: it differs by 0.05 % at most.
-
-    Args:
-        pose: (4, 4), pose of the optical frame.
-        xmag: Half of the width of the image, metres. Pixels are square.
-        near, far: Clipping planes, metres from the pose; None: the whole scene in front of the pose is seen.
-
-    Raises:
-        CameraError: The planes or ``xmag`` are invalid.
+    nearer, the scale would depend more on the depth: it differs by 0.05 % at most. ``xmag``: half of the width of the
+    image, metres. Planes: metres from the pose; None: the whole scene in front of it is seen. Raises CameraError.
     """
     nearest, farthest = _depth_range(loose_bounds(draw_list), pose) or (0.0, 0.0)
     near = 0.0 if near is None else near
@@ -198,14 +181,9 @@ def _node_pose(root: Node, path: Path) -> NDArray[np.float64]:
 def _framing_pose(
     bounds: Bounds | None, fovy: float, aspect: float, direction: Vector, distance: float | None = None
 ) -> NDArray[np.float64]:
-    """Return a pose that looks at the centre of a box.
+    """Return a pose that looks from a direction at the centre of a box (None: ``_EMPTY_SCENE_BOX``).
 
-    Args:
-        bounds: The box; None: ``_EMPTY_SCENE_BOX``.
-        fovy: Vertical field of view, degrees.
-        aspect: Width of the image divided by its height.
-        direction: Direction from the centre to the eye.
-        distance: Metres from the centre to the eye; None: the smallest distance that has all corners in view.
+    ``fovy`` is in degrees. ``distance``: metres; None: the smallest one that has all corners in view.
     """
     box = _EMPTY_SCENE_BOX if bounds is None else bounds
     centre = box.mean(axis=0)
@@ -224,13 +202,8 @@ def _framing_pose(
 def _orbit_radius(bounds: bytes, fovy: float, aspect: float, count: int, elevation: float) -> float:
     """Return the distance from which every camera of an orbit has all corners of a box in view.
 
-    The result is cached, because every camera of the orbit needs it.
-
-    Args:
-        bounds: Bytes of the box, (2, 3) float64.
-        fovy: Vertical field of view, degrees.
-        aspect: Width of the image divided by its height.
-        count, elevation: As in ``OrbitCamera``.
+    The result is cached, because every camera of the orbit needs it. ``bounds``: bytes of the box, (2, 3) float64.
+    ``fovy``: degrees. ``count``, ``elevation``: as in ``OrbitCamera``.
     """
     box = np.frombuffer(bounds).reshape(2, 3)
     poses = (_framing_pose(box, fovy, aspect, _orbit_direction(index / count, elevation)) for index in range(count))
@@ -238,24 +211,16 @@ def _orbit_radius(bounds: bytes, fovy: float, aspect: float, count: int, elevati
 
 
 def _orbit_direction(turn: float, elevation: float) -> Vector:
-    """Return the direction from the centre to the eye.
-
-    Args:
-        turn: Angle from +x, counter-clockwise, as a fraction of a full turn.
-        elevation: Angle above the horizon, degrees.
-    """
+    """Return the direction from the centre to the eye: fraction of a turn from +x, and degrees above the horizon."""
     azimuth, altitude = 2.0 * math.pi * turn, math.radians(elevation)
     return math.cos(azimuth) * math.cos(altitude), math.sin(azimuth) * math.cos(altitude), math.sin(altitude)
 
 
 def _fitted_planes(bounds: Bounds | None, pose: NDArray[np.float64]) -> tuple[float, float]:
-    """Return a near and a far plane with the whole scene between them.
+    """Return a near and a far plane with the whole scene between them; None: the scene draws nothing.
 
     For a camera inside the scene's box, the near plane is at 1 cm, or at a thousandth of the far plane if that is less.
     A near plane so close to the eye costs no resolution, because depth is stored as 1/z in floating point.
-
-    Args:
-        bounds: Box around the scene; None: the scene draws nothing.
     """
     depths = _depth_range(bounds, pose)
     if depths is None:

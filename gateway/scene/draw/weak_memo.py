@@ -1,7 +1,5 @@
 """Results that are kept as long as the object that they were computed from."""
 
-from __future__ import annotations
-
 import threading
 from collections.abc import Callable
 from functools import wraps

@@ -4,8 +4,6 @@ A client names all paths whose clicks it wants and repeats that before ``lease_s
 vanished is forgotten afterwards; over UDP there is no other sign of it.
 """
 
-from __future__ import annotations
-
 import time
 from collections.abc import Callable, Hashable, Sequence
 from dataclasses import dataclass
@@ -46,14 +44,10 @@ class ClickSubscriptions:
         """Subscriptions by client."""
 
     def subscribe(self, client: Hashable, paths: Sequence[Path], deliver: Callable[[Click], None]) -> str:
-        """Replace the paths of a client. Without paths, the client is forgotten.
+        """Replace the paths of a client, which gets clicks on geometry at and below them; none: it is forgotten.
 
-        Args:
-            client: identifies the client.
-            paths: the client gets clicks on geometry at and below these paths.
-            deliver: called with each click. It must not block.
-        Returns:
-            the reason of a refusal, which changes nothing, or an empty string.
+        ``deliver`` is called with each click, and must not block. Returns the reason of a refusal, which changes
+        nothing, or "".
         """
         if len(paths) > self.limits.paths:
             return f"{len(paths)} paths are clickable, the limit for one client is {self.limits.paths}"

@@ -5,8 +5,6 @@ vanished are removed. Clients that set the same path share the control: all of t
 limits of the client that added or changed it last.
 """
 
-from __future__ import annotations
-
 import contextlib
 import time
 from collections.abc import Callable, Hashable, Iterable, Sequence
@@ -89,15 +87,10 @@ class ControlStore:
         self._listeners.append(listener)
 
     def set_controls(self, client: Hashable, controls: Sequence[AnyControl], deliver: Deliver, request: int) -> str:
-        """Replace the controls of a client. Those that were there before keep their values and samples.
+        """Replace the controls of a client; none: it is forgotten. Earlier ones keep values and samples.
 
-        Args:
-            client: identifies the client.
-            controls: all of its controls; none: the client is forgotten.
-            deliver: called with changes of values that others have made. It must not block.
-            request: number of the request, which increases.
-        Returns:
-            the reason of a refusal, which changes nothing, or an empty string.
+        ``deliver`` is called with changes of values that others have made, and must not block. ``request`` is a number
+        that increases. Returns the reason of a refusal, which changes nothing, or an empty string.
         """
         self.remove_vanished()
         paths = {control.path: control for control in controls}
@@ -193,11 +186,7 @@ class ControlStore:
             self._notify()
 
     def set_value(self, client: Hashable, path: Path, value: Any, request: int) -> None:
-        """Set the value of a client's control.
-
-        Raises:
-            ValueError: the client has no such control, or the control cannot have the value.
-        """
+        """Set the value of a client's control. Raises ValueError if there is none, or it cannot have the value."""
         entry = self._entry_of(client, path, request)
         if isinstance(entry.control, Gizmo):
             raise ValueError("a gizmo has the pose of its node; settransform moves both")
@@ -205,13 +194,9 @@ class ControlStore:
         self._notify()
 
     def add_samples(self, client: Hashable, path: Path, samples: NDArray[np.float64], request: int) -> None:
-        """Add samples to a client's plot. The earlier ones are dropped where the time goes backwards.
+        """Add samples, (N, 1 + curves), of time in seconds and values to a client's plot. Raises ValueError.
 
-        Args:
-            samples: (N, 1 + curves): time in seconds and a value for each curve.
-
-        Raises:
-            ValueError: the client has no such plot, or a sample is invalid.
+        The earlier ones are dropped where the time goes backwards.
         """
         entry = self._entry_of(client, path, request)
         if not isinstance(entry.control, Plot) or entry.samples is None:

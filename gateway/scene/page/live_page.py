@@ -1,7 +1,5 @@
 """State of the browser page that clients set: background, grid, home camera, clickable paths, and controls."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Hashable
 from dataclasses import dataclass, replace
 from typing import Any

@@ -3,8 +3,6 @@
 Solids are those of the tree viewer's protocol.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from types import MappingProxyType

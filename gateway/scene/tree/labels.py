@@ -1,7 +1,5 @@
 """Labels of the live tree: one number per path, which stays the same for the lifetime of the process."""
 
-from __future__ import annotations
-
 import threading
 from collections.abc import Mapping
 from typing import Final
@@ -21,10 +19,7 @@ class LabelTable:
     """
 
     def __init__(self, limit: int = 1_000_000) -> None:
-        """
-        Args:
-            limit: Maximum number of paths, at most ``MAX_LABELS``. A path takes about 300 bytes.
-        """
+        """``limit``: maximum number of paths, at most ``MAX_LABELS``. A path takes about 300 bytes."""
         if not 0 < limit <= MAX_LABELS:
             raise ValueError(f"label limit {limit} must be in 1 .. {MAX_LABELS}")
         self._limit = limit

@@ -1,7 +1,5 @@
 """The live tree that all interfaces share. It counts revisions, keeps recent states, and notifies listeners."""
 
-from __future__ import annotations
-
 import threading
 import time
 from bisect import bisect_right
@@ -39,11 +37,7 @@ class LiveTree:
     """A tree that is edited under a lock. Reading a snapshot takes no lock."""
 
     def __init__(self, clock: Callable[[], int] = time.time_ns, first: Snapshot | None = None) -> None:
-        """
-        Args:
-            clock: returns the time from which edits are valid that name none, nanoseconds since the epoch.
-            first: state before the first edit; None: an empty tree.
-        """
+        """``clock`` returns the time of edits that name none, nanoseconds since the epoch. ``first``: None: empty."""
         self._clock = clock
         self.snapshot = first or Snapshot(Node(), 0)
         """The latest committed state."""
@@ -85,9 +79,8 @@ class LiveTree:
     def edit(self, timestamp: int | None = None) -> Iterator[TreeEdit]:
         """Edit the tree in a ``with`` block. Its edits become one revision, unless the block raises an exception.
 
-        ``timestamp`` is the time from which it is valid, nanoseconds since the epoch; None: now.
-
-        Listeners are called before the lock is released, in the order of the revisions.
+        It is valid from ``timestamp``, nanoseconds since the epoch; None: now. Listeners are called before the lock is
+        released, in the order of the revisions.
         """
         with self._lock:
             edit = TreeEdit(self.snapshot.root)
@@ -133,10 +126,7 @@ class LiveTree:
     def listen(self, listener: Callable[[], object]) -> Callable[[], None]:
         """Call ``listener`` after every new snapshot, in the thread that edits. It must not block, nor edit the tree.
 
-        The differences between any two snapshots are ``tree.changes``.
-
-        Returns:
-            Function that removes the listener.
+        The differences between any two snapshots are ``tree.changes``. Returns a function that removes the listener.
         """
         self._listeners.append(listener)
 

@@ -1,7 +1,5 @@
 """Materials of geometries that clients publish with a colour."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import lru_cache
 from typing import Final
@@ -36,15 +34,9 @@ def mean_color(image: Image) -> tuple[float, float, float]:
 
 
 def material(rgba: Color, point_size: float = POINT_SIZE, line_width: float = 1.0) -> Material:
-    """Return a diffuse, double-sided material, as Director and Drake draw geometries of this colour.
+    """Return the diffuse, double-sided material that Director and Drake draw geometries of a colour with.
 
-    Args:
-        rgba: Colour.
-        point_size: Width of points, pixels.
-        line_width: Width of hairlines, pixels.
-
-    Returns:
-        The same object for the same arguments.
+    Sizes are in pixels. The same arguments give the same object.
     """
     return _material(rgba, point_size, line_width)
 
@@ -66,12 +58,8 @@ def _material(rgba: Color, point_size: float, line_width: float) -> Material:
 def textured(rgba: Color, image: Image, *, has_alpha: bool, repeats: bool = True, unlit: bool = False) -> Material:
     """Return a material with a colour and a texture, which multiply each other. The rest is as in ``material``.
 
-    Args:
-        rgba: Colour.
-        image: Image of the base colour.
-        has_alpha: True if a pixel of the image is not opaque.
-        repeats: True: the image repeats beyond its edges; False: the pixels of its edges continue there.
-        unlit: True: the image is shown without lighting.
+    ``has_alpha``: a pixel of the image is not opaque. ``repeats`` False: the pixels of its edges continue beyond them.
+    ``unlit``: the image is shown without lighting.
     """
     plain = material(rgba)
     return replace(

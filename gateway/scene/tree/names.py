@@ -1,7 +1,5 @@
 """Converts path elements to JSON values."""
 
-from __future__ import annotations
-
 from typing import Final
 
 from gateway.scene.tree.nodes import PathElement

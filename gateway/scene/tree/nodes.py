@@ -115,12 +115,7 @@ class Node:
     def world_matrix(self, path: Path) -> NDArray[np.float64] | None:
         """Return the product of the transforms from this node to the node at ``path``, both included.
 
-        Args:
-            path: Path relative to this node.
-
-        Returns:
-            (4, 4) float64: X_world_node if this node is the root, else relative to the parent of this node. None if
-            there is no node at ``path``.
+        This is X_world_node, (4, 4), if this node is the root, else relative to its parent; None without such a node.
         """
         node = self
         with np.errstate(all="ignore"):
@@ -134,11 +129,7 @@ class Node:
         return matrix
 
     def walk(self, prefix: Path = ()) -> Iterator[tuple[Path, Node]]:
-        """Iterate over this node and its descendants with their paths, parents first.
-
-        Args:
-            prefix: Path of this node.
-        """
+        """Iterate over this node and its descendants with their paths, parents first. ``prefix``: path of this node."""
         stack = [(prefix, self)]
         while stack:
             path, node = stack.pop()
@@ -231,8 +222,7 @@ class TreeEdit:
     def delete(self, path: Path) -> bool:
         """Remove the node at ``path`` and its descendants. The root is replaced by an empty node.
 
-        Returns:
-            True if there was such a node (for the root: if it had parts or children).
+        Returns True if there was such a node (for the root: if it had parts or children).
         """
         target = self.root.find(path)
         if target is None:
@@ -361,11 +351,7 @@ def changes(old: Node, new: Node) -> Iterator[Change]:
 
 
 def _reordered_names(before: Mapping[PathElement, Node], after: Mapping[PathElement, Node]) -> frozenset[PathElement]:
-    """Return the names of children that both nodes have, starting at the first one whose order differs.
-
-    Args:
-        before, after: Children of a node.
-    """
+    """Return the names of children that both nodes have, starting at the first one whose order differs."""
     new_order = list(after)
     old_order = [name for name in before if name in after]
     if new_order[: len(old_order)] == old_order:

@@ -59,7 +59,7 @@ class FileTooLargeError(ValueError):
     """A file of the scene, or the number of its samples, is above the limit; the message is one sentence."""
 
 
-class Sample(NamedTuple):
+class TimedSnapshot(NamedTuple):
     """State of the scene at a time."""
 
     time: int
@@ -97,14 +97,9 @@ async def _state_after(timeline: Timeline, snapshot: Snapshot, start: int, last:
 
 
 async def state_at(timeline: Timeline | None, seconds: float) -> Snapshot:
-    """Return the state at a time that a client names.
+    """Return the state at a time that a client names. Raises TimeError if there is none; None: none are kept.
 
-    Args:
-        timeline: None: no states are kept.
-        seconds: seconds since the epoch; if negative, or -0, before the end of the span.
-
-    Raises:
-        TimeError: there is no state of this time.
+    ``seconds``: since the epoch; if negative, or -0, before the end of the span.
     """
     if timeline is None:
         raise TimeError(f"time={seconds:g}: this gateway keeps no history (--history-seconds 0)")
@@ -122,16 +117,11 @@ async def state_at(timeline: Timeline | None, seconds: float) -> Snapshot:
 
 async def samples(
     timeline: Timeline, start: int, end: int, rate: float, max_samples: int = MAX_SAMPLES
-) -> AsyncIterator[Sample]:
+) -> AsyncIterator[TimedSnapshot]:
     """Yield the first state with a node, and each further sample with another state; if all are empty, the last one.
 
-    Args:
-        start: first time, nanoseconds since the epoch.
-        end: last time. It is the time of the last sample, so that the last state is not missed.
-        rate: samples per second.
-
-    Raises:
-        FileTooLargeError: there are more samples than the limit.
+    The last sample is at ``end``, so that the last state is not missed. ``rate``: samples per second. Raises
+    FileTooLargeError if there are more samples than the limit.
     """
     seconds = (end - start) / 1e9
     count = int(seconds * rate) + 1
@@ -147,7 +137,7 @@ async def samples(
         is_empty = is_empty and not snapshot.root.children and snapshot.root.parts is None
         if snapshot.revision != last_revision and (not is_empty or number == count):
             last_revision = snapshot.revision
-            yield Sample(time, snapshot, number / count)
+            yield TimedSnapshot(time, snapshot, number / count)
 
 
 def _text(time: int) -> str:

@@ -1,7 +1,5 @@
 """Affine and rigid transforms: (4, 4) float64, row-major, ``p_parent = R p_local + t``; quaternions [w, x, y, z]."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import Final
 
@@ -19,14 +17,7 @@ from scenegate.transforms import translation as translation
 
 
 def from_poses(poses: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return ``from_pose`` of many poses; the results are bit-identical.
-
-    Args:
-        poses: (N, 7) float64: x, y, z, qw, qx, qy, qz.
-
-    Returns:
-        (N, 4, 4) float64.
-    """
+    """Return ``from_pose`` of poses, (N, 7), as (N, 4, 4); the results are bit-identical."""
     w, x, y, z = poses[:, 3:].T
     with np.errstate(all="ignore"):
         squared_norm = w * w + x * x + y * y + z * z
@@ -44,14 +35,7 @@ def from_poses(poses: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def affine_product(X: NDArray[np.float64], Y: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return X @ Y of affine matrices. Unlike NumPy's matrix product, the result is bit-identical on every CPU.
-
-    Args:
-        X, Y: (N, 4, 4) float64.
-
-    Returns:
-        (N, 4, 4) float64.
-    """
+    """Return X @ Y of affine matrices, (N, 4, 4), bit-identical on every CPU, unlike NumPy's product."""
     product = np.empty(X.shape)
     product[:, :3] = X[:, :3, 0:1] * Y[:, 0:1] + X[:, :3, 1:2] * Y[:, 1:2] + X[:, :3, 2:3] * Y[:, 2:3]
     product[:, :3, 3] += X[:, :3, 3]
@@ -64,11 +48,7 @@ def look_at(
 ) -> Matrix:
     """Return the pose of an optical frame (+Z forward, +X right, +Y down) at ``eye`` that looks at ``target``.
 
-    Args:
-        up: Direction that is up in the image; +z or +y replaces it if it is along the line of sight.
-
-    Raises:
-        ValueError: ``eye`` and ``target`` coincide.
+    ``up``, or +z or +y if that is along the line of sight, is up in the image. Raises ValueError if both coincide.
     """
     position = np.asarray(eye, dtype=np.float64)
     forward = np.asarray(target, dtype=np.float64) - position

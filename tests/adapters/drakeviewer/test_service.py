@@ -261,7 +261,7 @@ async def test_messages_pass_the_tree_viewers_hub() -> None:
 
 async def test_recordings_are_shown_again(tmp_path: Path) -> None:
     lcm = liblcm()
-    log, progress = tmp_path / "drake.lcmlog", replay.Progress()
+    log, progress = tmp_path / "drake.lcmlog", replay.LogProgress()
     async with running() as found, hub_of(found) as url:
         stop, ready = asyncio.Event(), asyncio.Event()
         recording = asyncio.create_task(replay.record(log, url, "DRAKE_.*", progress, stop, ready.set))
@@ -276,7 +276,7 @@ async def test_recordings_are_shown_again(tmp_path: Path) -> None:
         stop.set()
         await recording
     async with running() as found, hub_of(found) as url:
-        await replay.play(log, url, replay.PlayOptions(), replay.Progress())
+        await replay.play(log, url, replay.PlayOptions(), replay.LogProgress())
         await until(lambda: found.x() == 4.0)
         assert found.service.status()["simulation_seconds"] == 1.0
 

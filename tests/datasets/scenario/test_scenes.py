@@ -20,9 +20,9 @@ from gateway.datasets.check import check_dataset
 from gateway.datasets.errors import DatasetError
 from gateway.datasets.job import Job, make_job
 from gateway.datasets.rendering import render_images
-from gateway.datasets.run import Progress, run
+from gateway.datasets.run import RunProgress, run
 from gateway.datasets.scenario.choices import SceneChoices
-from gateway.datasets.scenario.placement import Solid, are_apart, box_solid, rotation_of
+from gateway.datasets.scenario.placement import CollisionSolid, are_apart, box_solid, rotation_of
 from gateway.datasets.scene_sources import find_scenes, find_sources
 from gateway.datasets.scenes import LoadedScene, SceneError, load_scene, model_names
 from gateway.datasets.views import SceneCamera, View, camera_of
@@ -120,13 +120,15 @@ def test_objects_are_apart_and_supported(write: Write, text: str) -> None:
         (_, table), *_ = parts(loaded, "surfaces")
         height = table[0][:, 2].max()
         for (_, a), (_, b) in itertools.combinations(objects, 2):
-            assert are_apart(Solid(tuple(a)), Solid(tuple(b)), 0.0)
+            assert are_apart(CollisionSolid(tuple(a)), CollisionSolid(tuple(b)), 0.0)
         for name, bodies in objects:
             points = np.concatenate(bodies)
             assert points[:, 2].min() > height - 1e-6, name
-            others = [Solid(tuple(each)) for other, each in objects if other != name]
+            others = [CollisionSolid(tuple(each)) for other, each in objects if other != name]
             floats = points[:, 2].min() > height + 1e-3
-            assert not floats or any(not are_apart(Solid(tuple(bodies)), other, 2e-3) for other in others), name
+            assert not floats or any(not are_apart(CollisionSolid(tuple(bodies)), other, 2e-3) for other in others), (
+                name
+            )
             assert (np.abs(points.mean(axis=0)[:2]) < (0.45, 0.35)).all(), name
 
 
@@ -153,7 +155,7 @@ def test_settled_objects_stay_when_they_drop_again(write: Write) -> None:
     loaded = scene(write(DROP), 1)
     inverses = [np.linalg.inv(np.array(each.X_world_object)) for each in choices(loaded).objects]
     solids = [
-        Solid(tuple(points @ X[:3, :3].T + X[:3, 3] for points in bodies))
+        CollisionSolid(tuple(points @ X[:3, :3].T + X[:3, 3] for points in bodies))
         for (_, bodies), X in zip(parts(loaded, "models"), inverses, strict=True)
     ]
     poses = [np.array(each.X_world_object) for each in choices(loaded).objects]
@@ -292,7 +294,7 @@ def test_a_dataset_of_a_scenario(write: Write, tmp_path: Path) -> None:
         sources, cameras, digest = find_scenes([path], CameraFile(), chosen, recorded, tmp_path / out, False)
         return make_job(sources, (), cameras, msgspec.structs.replace(SETTINGS, scenario_sha256=digest), tmp_path / out)
 
-    def render(job: Job) -> Progress:
+    def render(job: Job) -> RunProgress:
         return run(job, lambda tasks: map(run_task, tasks), lambda progress: None)
 
     first = render(make("first", 2, 3))

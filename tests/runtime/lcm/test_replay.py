@@ -83,8 +83,8 @@ def test_matches_lcms_own_event_log(tmp_path: Path) -> None:
 
 
 @asynccontextmanager
-async def recording(out: Path, url: str, channels: str = ".*") -> AsyncIterator[replay.Progress]:
-    stop, ready, progress = asyncio.Event(), asyncio.Event(), replay.Progress()
+async def recording(out: Path, url: str, channels: str = ".*") -> AsyncIterator[replay.LogProgress]:
+    stop, ready, progress = asyncio.Event(), asyncio.Event(), replay.LogProgress()
     task = asyncio.create_task(replay.record(out, url, channels, progress, stop, ready.set))
     waiting = asyncio.create_task(ready.wait())
     await asyncio.wait({task, waiting}, return_when=asyncio.FIRST_COMPLETED)
@@ -109,7 +109,7 @@ async def test_records_and_plays_over_tcpq(tmp_path: Path) -> None:
 
     live = LiveTree()
     async with serving(live=live) as service:
-        progress = replay.Progress()
+        progress = replay.LogProgress()
         await replay.play(out, f"tcpq://127.0.0.1:{service.tcpq_port}", replay.PlayOptions(), progress)
         await until(lambda: set(live.snapshot.root.children) == {"a", "b"})
         assert (progress.events, progress.data_bytes) == (2, len(EVENTS[0].data) + len(EVENTS[2].data))
@@ -128,9 +128,9 @@ async def test_records_and_plays_over_udp(tmp_path: Path) -> None:
         serving(TreeViewerConfig(lcm=LcmConfig(url=url, tcpq_port=None)), live=live),
         recording(out, url, "IMU|DIR.*") as received,
     ):
-        await replay.play(log, url, replay.PlayOptions(rate=0.0, channels=".*_<a>"), replay.Progress())
+        await replay.play(log, url, replay.PlayOptions(rate=0.0, channels=".*_<a>"), replay.LogProgress())
         await until(lambda: set(live.snapshot.root.children) == {"a", "b"})
-        await replay.play(log, url, replay.PlayOptions(rate=100.0, channels="IMU"), replay.Progress())
+        await replay.play(log, url, replay.PlayOptions(rate=100.0, channels="IMU"), replay.LogProgress())
         await until(lambda: received.events == 5)  # and two responses
     channels = [event.channel for event in read_events(io.BytesIO(out.read_bytes()))]
     assert sorted(channels) == sorted(
@@ -142,7 +142,7 @@ async def test_loops_until_cancelled(tmp_path: Path) -> None:
     log = tmp_path / "in.lcmlog"
     log.write_bytes(written(EVENTS))
     async with serving() as service:
-        progress = replay.Progress()
+        progress = replay.LogProgress()
         url = f"tcpq://127.0.0.1:{service.tcpq_port}"
         playing = asyncio.create_task(replay.play(log, url, replay.PlayOptions(rate=0.0, loop=True), progress))
         await until(lambda: service.status()["received"] >= 10)
@@ -157,11 +157,11 @@ async def test_no_channel_matches(tmp_path: Path) -> None:
     async with serving() as service:
         url = f"tcpq://127.0.0.1:{service.tcpq_port}"
         with pytest.raises(ValueError, match=r"--channels 'nothing'.* IMU"):
-            await replay.play(log, url, replay.PlayOptions(loop=True, channels="nothing"), replay.Progress())
+            await replay.play(log, url, replay.PlayOptions(loop=True, channels="nothing"), replay.LogProgress())
 
 
 async def test_a_loop_of_one_message_does_not_flood(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    log, progress, slept = tmp_path / "in.lcmlog", replay.Progress(), []
+    log, progress, slept = tmp_path / "in.lcmlog", replay.LogProgress(), []
     log.write_bytes(written(EVENTS[:1]))
     sleep = asyncio.sleep
 
@@ -187,7 +187,7 @@ async def test_a_log_stays_if_the_network_cannot_be_joined(tmp_path: Path, monke
     monkeypatch.setattr(replay, "CONNECT_SECONDS", 0.05)  # short: no hub listens
     url = f"tcpq://127.0.0.1:{free_ports(1)[0]}"
     with pytest.raises(ConnectionError, match="cannot join"):
-        await replay.record(log, url, ".*", replay.Progress(), asyncio.Event())
+        await replay.record(log, url, ".*", replay.LogProgress(), asyncio.Event())
     assert log.read_bytes() == b"earlier"
 
 
@@ -196,7 +196,7 @@ async def test_a_full_disk_ends_a_recording() -> None:
     async with serving() as service:
         url = f"tcpq://127.0.0.1:{service.tcpq_port}"
         stop = asyncio.Event()
-        recording = asyncio.create_task(replay.record(Path("/dev/full"), url, "IMU", replay.Progress(), stop))
+        recording = asyncio.create_task(replay.record(Path("/dev/full"), url, "IMU", replay.LogProgress(), stop))
         sender = open_transport(url, ("NOTHING",), TransportLimits())
         connected = asyncio.Event()
         sender.start(lambda *message: None, connected.set)
@@ -215,7 +215,7 @@ async def test_a_message_that_is_written_in_part_ends_a_recording(tmp_path: Path
     resource = pytest.importorskip("resource", reason="needs limits of the size of files")
     out, (soft, hard) = tmp_path / "out.lcmlog", resource.getrlimit(resource.RLIMIT_FSIZE)
     async with serving() as service:
-        url, progress = f"tcpq://127.0.0.1:{service.tcpq_port}", replay.Progress()
+        url, progress = f"tcpq://127.0.0.1:{service.tcpq_port}", replay.LogProgress()
         stop, ready = asyncio.Event(), asyncio.Event()
         task = asyncio.create_task(replay.record(out, url, "IMU", progress, stop, ready.set))
         await ready.wait()
@@ -254,7 +254,7 @@ async def test_finish_loses_nothing_when_the_hub_sends(tmp_path: Path) -> None:
 
     server = await asyncio.start_server(hub, "127.0.0.1", 0)
     url = f"tcpq://127.0.0.1:{server.sockets[0].getsockname()[1]}"
-    await replay.play(log, url, replay.PlayOptions(rate=0.0), replay.Progress())
+    await replay.play(log, url, replay.PlayOptions(rate=0.0), replay.LogProgress())
     assert await received > sum(len(event.data) for event in EVENTS) * 500
     server.close()
     await server.wait_closed()
@@ -273,7 +273,7 @@ async def test_keeps_recorded_times(tmp_path: Path, monkeypatch: pytest.MonkeyPa
     async with serving() as service:
         monkeypatch.setattr(asyncio, "sleep", note)
         url = f"tcpq://127.0.0.1:{service.tcpq_port}"
-        await replay.play(log, url, replay.PlayOptions(rate=0.001), replay.Progress())
+        await replay.play(log, url, replay.PlayOptions(rate=0.001), replay.LogProgress())
         monkeypatch.undo()
     waits = [seconds for seconds in slept if seconds > 0.1]
     assert waits == [pytest.approx(0.5, abs=0.4), pytest.approx(20.0, abs=0.5)]
@@ -285,14 +285,14 @@ async def test_keeps_recorded_times(tmp_path: Path, monkeypatch: pytest.MonkeyPa
 async def test_reports_missing_network(url: str, reason: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(replay, "CONNECT_SECONDS", 0.05)
     with pytest.raises((OSError, RuntimeError), match=reason):
-        await replay.record(tmp_path / "x", url, ".*", replay.Progress(), asyncio.Event())
+        await replay.record(tmp_path / "x", url, ".*", replay.LogProgress(), asyncio.Event())
 
 
 async def test_rejects_invalid_pattern(tmp_path: Path) -> None:
     with pytest.raises(ValueError, match="is not a pattern"):
-        await replay.record(tmp_path / "x", "memq://", "(", replay.Progress(), asyncio.Event())
+        await replay.record(tmp_path / "x", "memq://", "(", replay.LogProgress(), asyncio.Event())
     with pytest.raises(ValueError, match=r"--channels '\[' is not a pattern"):
-        await replay.play(tmp_path / "x", "memq://", replay.PlayOptions(channels="["), replay.Progress())
+        await replay.play(tmp_path / "x", "memq://", replay.PlayOptions(channels="["), replay.LogProgress())
 
 
 def test_damaged_lengths_do_not_read_the_rest_each_time() -> None:

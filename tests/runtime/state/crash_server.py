@@ -13,6 +13,7 @@ from gateway.adapters.treeviewer.config import TreeViewerConfig
 from gateway.adapters.treeviewer.protocol import TreeViewerProtocol
 from gateway.adapters.treeviewer.service import TreeViewerService
 from gateway.runtime.lcm.config import LcmConfig
+from gateway.runtime.state import database
 from gateway.runtime.state.service import PersistentState
 from gateway.runtime.state.tree_store import TreeStore
 from gateway.scene.tree.live import LiveTree
@@ -21,8 +22,8 @@ from tests.adapters.treeviewer.conversation import message
 
 async def serve(path: Path) -> None:
     live = LiveTree()
-    # Small, so that crashes also happen during checkpoints.
-    state = PersistentState(path, checkpoint_bytes=1 << 18)
+    database.CHECKPOINT_BYTES = 1 << 18  # type: ignore[misc]  # so that crashes also happen during checkpoints
+    state = PersistentState(path)
     state.add(TreeStore(live))
     state.start()
     service = TreeViewerService(TreeViewerConfig(lcm=LcmConfig(url="off", tcpq_port=0)), live, store=state)

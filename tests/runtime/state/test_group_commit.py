@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 import structlog.testing
 
+from gateway.runtime.state import database, service
 from gateway.runtime.state.service import PersistentState
 from gateway.runtime.state.tree_store import TreeStore
 from gateway.scene.tree.geometry import Part, PointCloud
@@ -26,9 +27,9 @@ BOX = (Part(Box((1.0, 2.0, 3.0)), Material()),)
 class Kept:
     """A live tree with a persistent state."""
 
-    def __init__(self, path: Path, **limits: Any) -> None:
+    def __init__(self, path: Path) -> None:
         self.live = LiveTree()
-        self.state = PersistentState(path, **limits)
+        self.state = PersistentState(path)
         self.state.add(TreeStore(self.live))
 
     def put(self, name: str, parts: tuple[Part, ...] = BOX) -> None:
@@ -134,8 +135,9 @@ async def test_changes_during_a_commit_are_the_next_transaction(kept: Kept) -> N
     assert kept.state.waiting_bytes == 0
 
 
-async def test_full_above_the_limit_of_waiting_bytes(path: Path) -> None:
-    kept = Kept(path, max_waiting_bytes=50)
+async def test_full_above_the_limit_of_waiting_bytes(path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(service, "MAX_WAITING_BYTES", 50)
+    kept = Kept(path)
     kept.state.start()
     slow = Slow()
     kept.state.add(slow)
@@ -193,8 +195,9 @@ async def test_internal_errors_are_reported_and_later_commits_succeed(
     assert await kept.state.wait_until_stored() == ""
 
 
-async def test_idle_edits_are_stored_after_a_delay(path: Path) -> None:
-    kept = Kept(path, idle_commit_seconds=0.0)
+async def test_idle_edits_are_stored_after_a_delay(path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(service, "IDLE_COMMIT_SECONDS", 0.0)
+    kept = Kept(path)
     kept.state.start()
     kept.put("quiet")
     await until(lambda: kept.state.status()["commits"])
@@ -225,8 +228,9 @@ async def test_edits_that_close_cannot_store_are_logged(path: Path, is_full: boo
     assert [(entry["reason"], entry["path"]) for entry in lost] == [("database or disk is full", str(path))] * is_full
 
 
-async def test_log_is_checkpointed_beyond_its_limit(path: Path) -> None:
-    kept = Kept(path, checkpoint_bytes=1 << 16)
+async def test_log_is_checkpointed_beyond_its_limit(path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(database, "CHECKPOINT_BYTES", 1 << 16)
+    kept = Kept(path)
     kept.state.start()
     chance = np.random.default_rng(1)
     for _ in range(20):

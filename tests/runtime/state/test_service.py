@@ -2,7 +2,10 @@
 
 from pathlib import Path
 
+import pytest
+
 from gateway.adapters.stereo.device.parameters import Parameters
+from gateway.runtime.state import service
 from gateway.runtime.state.parameter_store import ParameterStore
 from gateway.runtime.state.service import PersistentState
 from gateway.runtime.state.tree_store import TreeStore
@@ -30,10 +33,11 @@ async def test_a_new_file_has_nothing_to_restore(tmp_path: Path) -> None:
     await state.close()
 
 
-async def test_edits_without_a_client_are_stored_after_a_while(tmp_path: Path) -> None:
+async def test_edits_without_a_client_are_stored_after_a_while(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(service, "IDLE_COMMIT_SECONDS", 0.0)
     path = tmp_path / "state"
     live = LiveTree()
-    state = PersistentState(path, idle_commit_seconds=0.0)
+    state = PersistentState(path)
     state.add(TreeStore(live))
     state.start()
     for name in ("a", "b"):
@@ -50,10 +54,11 @@ async def test_edits_without_a_client_are_stored_after_a_while(tmp_path: Path) -
     await state.close()
 
 
-async def test_edits_are_stored_on_close(tmp_path: Path) -> None:
+async def test_edits_are_stored_on_close(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(service, "IDLE_COMMIT_SECONDS", 1000.0)
     path = tmp_path / "state"
     live, parameters = LiveTree(), Parameters()
-    state = PersistentState(path, idle_commit_seconds=1000.0)
+    state = PersistentState(path)
     state.add(TreeStore(live, ("demo",)))
     state.add(ParameterStore("0", ["rc_camera"], parameters))
     state.start()

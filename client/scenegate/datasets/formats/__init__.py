@@ -4,8 +4,6 @@ COCO, WebDataset and HDF5 need the packages of ``scenegate-client[formats]``. Th
 is complete.
 """
 
-from __future__ import annotations
-
 import importlib
 import json
 import shutil
@@ -111,13 +109,8 @@ def check_destination(
 ) -> ExportRecord | None:
     """Return the record of the export that is in a folder; None if the folder is empty or missing.
 
-    Raises:
-        ExportError: one of these
-
-            - The folder is a symbolic link.
-            - It is in the dataset's folder, and its name is not that of the format.
-            - It is not empty, and ``replace`` is False.
-            - It has files that are not as an export wrote them.
+    Raises ExportError if the folder is a symbolic link, is in the dataset's folder under another name than the
+    format's, is not empty although ``replace`` is False, or has files that are not as an export wrote them.
     """
     if destination.is_symlink():
         raise ExportError(f"{destination} is a symbolic link; name a folder")

@@ -4,8 +4,6 @@ A scene of the dataset is a scene of BOP in ``train_pbr``. An object of BOP is a
 millimetres. ``cam_K`` counts pixels as OpenCV does: the centre of the top left pixel is (0, 0), ours is (0.5, 0.5).
 """
 
-from __future__ import annotations
-
 import json
 import math
 from collections.abc import Iterator, Mapping
@@ -44,11 +42,7 @@ class ModelKey(NamedTuple):
 
 
 def _model_key(record: ObjectRecord, models: Mapping[str, ModelRecord]) -> ModelKey:
-    """Return the model of an object.
-
-    Raises:
-        RecordError: the scene has no such model.
-    """
+    """Return the model of an object. Raises RecordError if the scene has no such model."""
     if record.model not in models:
         raise RecordError(f"scene.json has no model {record.model!r}, which instance {record.instance} has")
     x, y, z = (round(value, SCALE_DIGITS) for value in record.scale)
@@ -213,8 +207,7 @@ def diameter(points: NDArray[np.float64]) -> float:
 def _write_models(dataset_folder: Path, folder: Path, object_ids: Mapping[ModelKey, int]) -> None:
     """Write the models of a dataset into a folder.
 
-    Raises:
-        RecordError: a model cannot be read, has no finite vertex, or lies outside of the dataset.
+    Raises RecordError if a model cannot be read, has no finite vertex, or lies outside of the dataset.
     """
     folder.mkdir()
     infos: dict[str, dict[str, float]] = {}

@@ -4,8 +4,6 @@ Boxes and masks are those of the visible pixels, masks as RLE. The keypoints of 
 and the corners of its 3D box.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, Final

@@ -7,8 +7,6 @@
 Arrays are those of ``Sample.arrays``.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Final

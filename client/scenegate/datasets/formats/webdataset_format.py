@@ -7,8 +7,6 @@ The package's decoders of images make 8-bit RGB of all of them, so images with o
 ``datasets`` takes the types of all columns from the first five samples: the first ones have what others lack.
 """
 
-from __future__ import annotations
-
 import gzip
 import io
 from collections.abc import Callable, Iterator, Sequence

@@ -6,8 +6,6 @@ triads are converted from sRGB to linear colours, as glTF requires (3.7.2.1); th
 the tree. Hidden subtrees are left out, and so are nodes whose transform is not finite, which JSON cannot express.
 """
 
-from __future__ import annotations
-
 import math
 from typing import Any, Final
 
@@ -38,15 +36,10 @@ _MODES: Final = {Topology.POINTS: 0, Topology.LINES: 1, Topology.TRIANGLES: 4}
 
 
 def export_glb(root: Node, *, camera: Camera | None = None, max_bytes: int = MAX_BYTES) -> bytes:
-    """Return the tree as a ``.glb`` file.
+    """Return a committed tree, Z up, as a ``.glb`` file with at most one camera.
 
-    Args:
-        root: A committed tree, Z up, metres.
-        camera: The file's only camera; None for none. Its principal point is lost: glTF puts it into the centre.
-        max_bytes: Maximum size of the file's binary part.
-
-    Raises:
-        FileTooLargeError: The file would be larger than ``max_bytes``.
+    Its principal point is lost: glTF puts it into the centre. Raises FileTooLargeError if the binary part would be
+    larger than ``max_bytes``.
     """
     return GlbWriter(max_bytes).write(root, camera)
 

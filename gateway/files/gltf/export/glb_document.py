@@ -1,7 +1,5 @@
 """Builder of a glTF document: its JSON arrays, its buffer, and the ``.glb`` file that holds them."""
 
-from __future__ import annotations
-
 import json
 import struct
 from collections.abc import Callable, Hashable
@@ -30,10 +28,7 @@ class GltfDocument:
     """The JSON arrays of a document, and its one buffer."""
 
     def __init__(self, generator: str, max_bytes: int) -> None:
-        """
-        Args:
-            max_bytes: Maximum size of the buffer.
-        """
+        """``max_bytes``: maximum size of the buffer."""
         self._generator = generator
         self._max_bytes = max_bytes
         self._buffer_pieces: list[bytes] = []
@@ -60,12 +55,9 @@ class GltfDocument:
         return added
 
     def add_accessor(self, array: NDArray[Any], target: int | None, *, bounds: bool = False) -> int:
-        """Add an accessor with a buffer view, and return its index.
+        """Add an accessor of an array, (N, 1 .. 4), with a buffer view for ``VERTEX_TARGET`` or ``INDEX_TARGET``.
 
-        Args:
-            array: (N, 1 .. 4) float32, uint16 or uint32.
-            target: ``VERTEX_TARGET`` or ``INDEX_TARGET``.
-            bounds: True to write ``min`` and ``max``, as positions and times require.
+        Return its index. ``bounds``: write ``min`` and ``max``, as positions and times require.
         """
         item: dict[str, Any] = {
             "bufferView": self.add_buffer_view(np.ascontiguousarray(array).tobytes(), target),
@@ -79,11 +71,7 @@ class GltfDocument:
         return self.add("accessors", item)
 
     def add_buffer_view(self, data: bytes, target: int | None = None) -> int:
-        """Append bytes to the buffer, and return the index of their buffer view.
-
-        Raises:
-            FileTooLargeError: The buffer would be larger than its limit.
-        """
+        """Append bytes to the buffer, and return the index of their view. Raises FileTooLargeError beyond its limit."""
         offset = self._nbytes
         padding = -len(data) % 4
         self._nbytes += len(data) + padding
@@ -98,11 +86,7 @@ class GltfDocument:
         return self.add("bufferViews", item)
 
     def glb(self, root_node: int) -> bytes:
-        """Return the file (GLB 2.0): a header, the JSON chunk padded with spaces, the binary chunk padded with zeros.
-
-        Args:
-            root_node: Index of the scene's root node.
-        """
+        """Return the file (GLB 2.0) with a root node: header, JSON padded with spaces, data padded with zeros."""
         document: dict[str, Any] = {
             "asset": {"version": "2.0", "generator": self._generator},
             "scene": 0,

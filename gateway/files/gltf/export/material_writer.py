@@ -1,7 +1,5 @@
 """Writes materials, textures and images into a ``GltfDocument``."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterable
 from typing import Any, Final
@@ -56,11 +54,9 @@ class MaterialWriter:
         return item
 
     def _set_texture(self, owner: dict[str, Any], name: str, texture: Texture | None, **factors: float) -> None:
-        """Set the texture property ``name`` of a JSON object, unless the texture's image cannot be decoded.
+        """Set the texture property ``name`` in the JSON of a material, or a part of it, if its image can be decoded.
 
-        Args:
-            owner: JSON of a material, or of a part of it.
-            factors: ``scale`` or ``strength`` of the texture.
+        ``factors``: ``scale`` or ``strength`` of the texture.
         """
         if texture is None:
             return
@@ -82,10 +78,7 @@ class MaterialWriter:
         owner[name] = info
 
     def _image(self, texture: Texture) -> int | None:
-        """Return the index of a texture's image: a copy of its PNG or JPEG file, else a PNG of its pixels.
-
-        The result is None for an image that cannot be decoded.
-        """
+        """Return the index of a texture's image: its PNG or JPEG file, else a PNG; None if it cannot be decoded."""
         image = texture.image
         data = getattr(image.decode, "data", None)
         mime_type = _mime_type(bytes(data[:12])) if isinstance(data, bytes | memoryview) else None
@@ -125,8 +118,7 @@ def _mime_type(start: bytes) -> str | None:
 def _transform_extension(matrix: tuple[float, float, float, float, float, float]) -> dict[str, Any]:
     """Return KHR_texture_transform for a matrix offset * rotation * scale.
 
-    Args:
-        matrix: The first two rows, row by row: (u_u, u_v, offset_u, v_u, v_v, offset_v).
+    ``matrix``: first two rows, (u_u, u_v, offset_u, v_u, v_v, offset_v).
     """
     u_u, u_v, offset_u, v_u, v_v, offset_v = matrix
     rotation = math.atan2(-v_u, u_u)
