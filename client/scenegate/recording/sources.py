@@ -11,7 +11,7 @@ import queue
 import threading
 import time
 from collections.abc import Callable, Iterator
-from typing import Final, NamedTuple
+from typing import Final, Literal, NamedTuple
 
 from websockets.asyncio.client import connect
 from websockets.exceptions import ConnectionClosedOK, InvalidStatus, WebSocketException
@@ -26,15 +26,26 @@ _log = logging.getLogger(__name__)
 
 QUEUED_ITEMS: Final = 32
 """Maximum number of received items that wait: image sets have megabytes."""
+WAIT_SECONDS: Final = 10.0
+"""Maximum time until the first message of a source."""
 RETRY_SECONDS: Final = 1.0
 """Time between two attempts to reach a gateway or camera that has gone."""
 ACKNOWLEDGEMENTS: Final = {"update": "k", "controls": "c"}
 """Responses that the gateway waits for, by the kind of the frame."""
 
 
+SourceName = Literal["scene", "images", "depth"]
+"""``images`` are left and right at the camera's rate; ``depth`` comes at its own, with the left image for colours."""
+
+
+class Unreachable(GatewayError):  # noqa: N818 - a condition
+    """The gateway does not respond, or has closed the connection."""
+
+
 class Received(NamedTuple):
     """Something that a source has received."""
 
+    source: SourceName
     value: ViewFrame | pb.ImageSet
     time_ns: int
     """Time of reception, nanoseconds since the epoch."""
@@ -45,29 +56,34 @@ class Received(NamedTuple):
 Receive = Callable[[], Iterator[ViewFrame | pb.ImageSet]]
 
 
-def start_receiving(name: str, receive: Receive, received: queue.Queue[Received | Exception]) -> None:
-    """Start a thread that puts what an iterator yields into a queue. After an error it begins again, if it has yielded.
+def start_receiving(source: SourceName, receive: Receive, received: queue.Queue[Received | Exception]) -> None:
+    """Start a thread that puts what an iterator yields into a queue, until the iterator ends.
+
+    After an error it begins again if the iterator has yielded before, or the gateway was unreachable, at first for
+    ``WAIT_SECONDS``.
 
     Args:
-        name: name of the thread.
         receive: returns the iterator.
     """
-    threading.Thread(target=_receive, args=(receive, received), name=name, daemon=True).start()
+    threading.Thread(target=_receive, args=(source, receive, received), name=source, daemon=True).start()
 
 
-def _receive(receive: Receive, received: queue.Queue[Received | Exception]) -> None:
+def _receive(source: SourceName, receive: Receive, received: queue.Queue[Received | Exception]) -> None:
     has_begun = is_lost = False
+    deadline = time.monotonic() + WAIT_SECONDS
     while True:
         try:
             for number, value in enumerate(receive()):
                 has_begun = True
                 is_lost = False
-                received.put(Received(value, time.time_ns(), is_first=number == 0))
+                received.put(Received(source, value, time.time_ns(), is_first=number == 0))
+            return
         except Exception as error:  # noqa: BLE001 - the recorder raises the first one
-            if not has_begun:
+            is_waiting = isinstance(error, Unreachable) and time.monotonic() < deadline
+            if not has_begun and not is_waiting:
                 received.put(error)
                 return
-            if not is_lost:
+            if has_begun and not is_lost:
                 _log.warning("%s; the recording goes on when it is back", error)
             is_lost = True
             time.sleep(RETRY_SECONDS)
@@ -80,7 +96,7 @@ def scene_frames(address: str, credentials: Credentials) -> Iterator[ViewFrame]:
         address: of the gateway's HTTP port, ``http://HOST:PORT``.
 
     Raises:
-        GatewayError: the gateway does not respond, or has closed the connection.
+        GatewayError: the gateway does not respond (``Unreachable``), or refuses the connection.
         ViewFrameError: the gateway has sent something invalid.
         OSError: a certificate cannot be read.
     """
@@ -112,13 +128,13 @@ def scene_frames(address: str, credentials: Credentials) -> Iterator[ViewFrame]:
         finally:
             loop.run_until_complete(socket.close())
     except ConnectionClosedOK:
-        raise GatewayError(f"{address} has closed the connection") from None
+        raise Unreachable(f"{address} has closed the connection") from None
     except InvalidStatus as error:
         status = error.response.status_code
         hint = "; it may want another --token" if status in (401, 403) else ""
         raise GatewayError(f"{address} gives no scene: it has refused the connection ({status}){hint}") from None
     except (OSError, WebSocketException) as error:
-        raise GatewayError(f"{address} gives no scene: {reason_of(error)}") from None
+        raise Unreachable(f"{address} gives no scene: {reason_of(error)}") from None
     finally:
         loop.close()
 
