@@ -116,5 +116,9 @@ class MessageHub:
     def close(self, reason: str) -> None:
         """End all streams and refuse new ones."""
         self._close_reason = reason
+        self.end_streams(reason)
+
+    def end_streams(self, reason: str) -> None:
+        """End all streams."""
         for queue in self._queues:
             queue.close(reason)

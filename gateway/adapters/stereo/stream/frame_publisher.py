@@ -82,6 +82,8 @@ class FramePublisher:
         self.counts = FrameCounts()
         self.last_metered: MeteredExposure | None = None
         """Exposure of the newest left image."""
+        self.clock_offset = 0
+        """Nanoseconds by which timestamps are ahead of the computer's clock: the device's time can be set."""
         self.hub = hub
         self._injector = injector
         self._event_clients = events
@@ -99,6 +101,7 @@ class FramePublisher:
 
     def sent_timestamp(self, timestamp: int) -> int:
         """Return the timestamp that clients get for a true one, nanoseconds; an injected fault may falsify it."""
+        timestamp += self.clock_offset
         return timestamp if self._injector is None else self._injector.timestamp(timestamp)
 
     async def publish_sets(self, frame: FrameImages, kinds: Collection[SetKind]) -> None:
@@ -126,7 +129,7 @@ class FramePublisher:
         if self._config.rate == "device":
             await asyncio.sleep(duration / NANOSECONDS_PER_SECOND)
         if self._event_clients.has_clients.is_set():
-            done = timestamp + duration if self._config.simulated_clock else time.time_ns()
+            done = timestamp + duration if self._config.simulated_clock else time.time_ns() + self.clock_offset
             self._event_clients.put(depth_acquisition_done(timestamp, done))
         await self.publish_sets(frame, kinds)
 
