@@ -13,9 +13,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from renderers.camera import Camera
+from renderers.compiler import simd as vec
 from renderers.compiler.device_function import inlined
 from renderers.compiler.jit import kernel
-from renderers.compiler.kernel_types import F32, F64, I64, Array1, Array2, Array3, f32, i64
+from renderers.compiler.kernel_types import F32, F64, I64, Address, Array1, Array2, Pointer, i64
+from renderers.compiler.pointers import address_of, f32_at
+from renderers.compiler.simd import F32x8
 from renderers.light_rig import STUDIO
 from renderers.shading.studio.shadows import light_camera, metres_per_pixel
 
@@ -76,111 +79,106 @@ def light_factors(
         scene_light: (H, W) float32, all other light.
         key_light: light on a surface that faces the key light.
     """
-    factors = np.empty(depth.shape, np.uint8)
-    X_light_camera = light.X_camera_world @ camera.X_world_camera
-    to_light = -X_light_camera[2, :3]  # one direction for all points: the light is far away
+    height, width = depth.shape
+    factors = np.empty(height * width + vec.LANES, np.float32)
+    X_light_camera = np.ascontiguousarray((light.X_camera_world @ camera.X_world_camera)[:3])
     offset = _NORMAL_OFFSET / light.fx  # per metre of distance from the light
     _write_factors(
-        depth, normal, np.array((camera.fx, camera.fy, camera.cx, camera.cy)), shadow_depth,
-        np.ascontiguousarray(X_light_camera[:3]), np.array((light.fx, light.cx, offset)),
-        np.ascontiguousarray(to_light), scene_light, float(key_light), factors,
+        address_of(depth, np.float32), address_of(normal, np.float32), (width, height),
+        np.array((camera.fx, camera.fy, camera.cx, camera.cy)),
+        address_of(shadow_depth, np.float32), X_light_camera,
+        np.array((light.fx, light.cx, offset, float(len(shadow_depth)))),
+        address_of(scene_light, np.float32), float(key_light), address_of(factors, np.float32),
     )  # fmt: skip
-    return factors
+    return factors[: height * width].reshape(height, width).astype(np.uint8)
 
 
 @inlined
-def _lit_share(shadow_depth: Array2[np.float32], u: F32, v: F32, z: F32) -> F32:
-    """Return the share of a light that reaches a point, from four texels with bilinear weights; 1 outside of the map.
+def _lit_share(shadow_depth: Pointer[F32], side: I64, u: F32x8, v: F32x8, z: F32x8) -> F32x8:
+    """Return the share of a light that reaches points, from four texels with bilinear weights; 1 outside of the map.
 
     Args:
-        shadow_depth: (S, S), metres, +inf: nothing.
-        u, v: position in the map, texels.
-        z: depth of the point, metres.
+        shadow_depth: (side, side), metres, +inf: nothing.
+        u, v: positions in the map, texels.
+        z: depths of the points, metres.
     """
-    last = f32(shadow_depth.shape[0] - 1)
-    one = f32(1.0)
-    u, v = u - f32(0.5), v - f32(0.5)
-    if not (f32(0.0) < u < last and f32(0.0) < v < last):
-        return one
-    i, j = i64(u), i64(v)
-    fu, fv = u - f32(i), v - f32(j)
-    upper = f32(shadow_depth[j, i] >= z) * (one - fu) + f32(shadow_depth[j, i + 1] >= z) * fu
-    lower = f32(shadow_depth[j + 1, i] >= z) * (one - fu) + f32(shadow_depth[j + 1, i + 1] >= z) * fu
-    return upper * (one - fv) + lower * fv
-
-
-@inlined
-def _row_times_point(X: Array2[np.float64], row: I64, x: F64, y: F64, z: F64) -> F64:
-    """Return one coordinate of a point, transformed by a (3, 4) matrix."""
-    return X[row, 0] * x + X[row, 1] * y + X[row, 2] * z + X[row, 3]
-
-
-@inlined
-def _unshadowed_share(
-    shadow_depth: Array2[np.float32],
-    shadow_map: Array1[np.float64],
-    X_light_camera: Array2[np.float64],
-    point: tuple[F64, F64, F32],
-    normal: tuple[F32, F32, F32],
-    n_l: F64,
-) -> F32:
-    """Return the share of the key light that reaches a point.
-
-    Args:
-        shadow_depth, shadow_map, X_light_camera: as for ``_write_factors``.
-        point, normal: in the camera's frame; three float64 each.
-        n_l: cosine of the light, above 0.
-    """
-    focal_length, center, normal_offset = shadow_map[0], shadow_map[1], shadow_map[2]
-    offset = normal_offset * _row_times_point(X_light_camera, 2, point[0], point[1], point[2])
-    x, y, z = point[0] + offset * normal[0], point[1] + offset * normal[1], point[2] + offset * normal[2]
-    light_x, light_y = _row_times_point(X_light_camera, 0, x, y, z), _row_times_point(X_light_camera, 1, x, y, z)
-    light_z = _row_times_point(X_light_camera, 2, x, y, z)
-    scale = focal_length / light_z
-    # A texel has one depth, but the depths of a slanted surface differ within it.
-    bias = 0.5 * offset / max(n_l, 0.2)
-    return _lit_share(shadow_depth, f32(light_x * scale + center), f32(light_y * scale + center), f32(light_z - bias))
+    zero, one, last = vec.f32(0.0), vec.f32(1.0), vec.f32(side - 1)
+    u, v = u - vec.f32(0.5), v - vec.f32(0.5)
+    is_inside = (zero < u) & (u < last) & (zero < v) & (v < last)
+    u, v = vec.select(is_inside, u, zero), vec.select(is_inside, v, zero)
+    i, j = vec.to_i32(u), vec.to_i32(v)
+    fu, fv = u - vec.to_f32(i), v - vec.to_f32(j)
+    texel = j * vec.i32(side) + i
+    share = zero
+    for offset, weight in (
+        (0, (one - fu) * (one - fv)),
+        (1, fu * (one - fv)),
+        (side, (one - fu) * fv),
+        (side + 1, fu * fv),
+    ):
+        is_lit = vec.gather(shadow_depth, texel + vec.i32(offset)) >= z
+        share = share + vec.select(is_lit, weight, zero)
+    return vec.select(is_inside, share, one)
 
 
 @kernel
 def _write_factors(
-    depth: Array2[np.float32],
-    normal: Array3[np.float32],
+    depth_address: Address,
+    normal_address: Address,
+    size: tuple[I64, I64],
     intrinsics: Array1[np.float64],
-    shadow_depth: Array2[np.float32],
+    shadow_address: Address,
     X_light_camera: Array2[np.float64],
     shadow_map: Array1[np.float64],
-    to_light: Array1[np.float64],
-    scene_light: Array2[np.float32],
+    scene_light_address: Address,
     key_light: F64,
-    factors: Array2[np.uint8],
+    factors_address: Address,
 ) -> None:
-    """Write ``light_factors`` to ``factors``.
+    """Write ``light_factors`` as float32, and up to seven values more.
 
     Args:
+        depth_address, normal_address, shadow_address, scene_light_address, factors_address: addresses of the first
+            pixels.
+        size: width and height of the image.
         intrinsics: (4,): fx, fy, cx, cy of the camera, pixels.
         X_light_camera: (3, 4), from the camera's frame to the light's.
-        shadow_map: (3,): focal length and principal point, texels; offset of a point along its normal, metres
-            per metre of distance from the light.
-        to_light: (3,), unit vector to the light in the camera's frame.
+        shadow_map: (4,): focal length and principal point, texels; offset of a point along its normal, metres
+            per metre of distance from the light; side of the map, texels.
     """
-    height, width = depth.shape
+    depth, normals, scene_light = f32_at(depth_address), f32_at(normal_address), f32_at(scene_light_address)
+    shadow_depth, side, factors = f32_at(shadow_address), i64(shadow_map[3]), f32_at(factors_address)
+    width, height = size
     inv_fx, inv_fy, cx, cy = 1.0 / intrinsics[0], 1.0 / intrinsics[1], intrinsics[2], intrinsics[3]
+    zero, one, last = vec.f32(0.0), vec.f32(1.0), vec.i32(width * height - 1)
+    focal_length, center, normal_offset = vec.f32(shadow_map[0]), vec.f32(shadow_map[1]), vec.f32(shadow_map[2])
+    x_row, y_row, z_row = X_light_camera[0], X_light_camera[1], X_light_camera[2]
     for row in range(height):
-        ray_y = (row + 0.5 - cy) * inv_fy
-        for column in range(width):
-            z = float(depth[row, column])
-            if not z < np.inf:
-                factors[row, column] = FACTOR_ONE
-                continue
-            nx, ny, nz = float(normal[row, column, 0]), float(normal[row, column, 1]), float(normal[row, column, 2])
-            n_l = nx * to_light[0] + ny * to_light[1] + nz * to_light[2]
-            if nx == 0.0 and ny == 0.0 and nz == 0.0:  # unlit
-                factors[row, column] = FACTOR_ONE
-                continue
-            share = f32(0.0)
-            if n_l > 0.0:
-                point = (column + 0.5 - cx) * inv_fx * z, ray_y * z, z
-                share = _unshadowed_share(shadow_depth, shadow_map, X_light_camera, point, (nx, ny, nz), n_l)
-            factor = (1.0 + key_light * share * max(n_l, 0.0) / scene_light[row, column]) * FACTOR_ONE
-            factors[row, column] = int(min(factor + 0.5, 255.0))
+        ray_y = vec.f32((row + 0.5 - cy) * inv_fy)
+        for column in range(0, width, vec.LANES):
+            pixel = vec.minimum(vec.i32(row * width + column) + vec.iota(), last)
+            ray_x = (vec.to_f32(vec.i32(column) + vec.iota()) + vec.f32(0.5 - cx)) * vec.f32(inv_fx)
+            z, first = vec.gather(depth, pixel), pixel * vec.i32(3)
+            nx, ny = vec.gather(normals, first), vec.gather(normals, first + vec.i32(1))
+            nz = vec.gather(normals, first + vec.i32(2))
+            is_lit = (z < vec.f32(np.inf)) & (nx * nx + ny * ny + nz * nz > zero)
+            z = vec.select(is_lit, z, one)
+            x, y = ray_x * z, ray_y * z
+            # The light looks along its z axis, in one direction for all points: it is far away.
+            n_l = zero - (vec.f32(z_row[0]) * nx + vec.f32(z_row[1]) * ny + vec.f32(z_row[2]) * nz)
+            offset = normal_offset * _coordinate(z_row, x, y, z)
+            x, y, z = x + offset * nx, y + offset * ny, z + offset * nz
+            light_z = _coordinate(z_row, x, y, z)
+            scale = focal_length / light_z
+            # A texel has one depth, but the depths of a slanted surface differ within it.
+            bias = vec.f32(0.5) * offset / vec.maximum(n_l, vec.f32(0.2))
+            u, v = _coordinate(x_row, x, y, z) * scale + center, _coordinate(y_row, x, y, z) * scale + center
+            share = _lit_share(shadow_depth, side, u, v, light_z - bias)
+            added = vec.f32(key_light) * share * vec.maximum(n_l, zero) / vec.gather(scene_light, pixel)
+            factor = vec.minimum((one + added) * vec.f32(FACTOR_ONE) + vec.f32(0.5), vec.f32(255.0))
+            vec.store(factors, row * width + column, vec.select(is_lit, factor, vec.f32(FACTOR_ONE)))
+
+
+@inlined
+def _coordinate(matrix_row: Array1[np.float64], x: F32x8, y: F32x8, z: F32x8) -> F32x8:
+    """Return one coordinate of points, transformed by a row of a (3, 4) matrix."""
+    return vec.f32(matrix_row[0]) * x + vec.f32(matrix_row[1]) * y + vec.f32(matrix_row[2]) * z + vec.f32(matrix_row[3])
