@@ -32,7 +32,7 @@ from tools.calibration.plain_scenes import PLAIN_SCENES
 from tools.calibration.samples import Sample, samples
 from tools.calibration.scenes import SCENES
 
-SEEDS: Final = {Quality.HIGH: range(100, 112), Quality.MEDIUM: range(100, 103)}
+SEEDS: Final = {Quality.HIGH: range(100, 108), Quality.MEDIUM: range(100, 103)}
 """Seeds of the scenes. Of few, the trees learn in which of them a plain wall happened to be right."""
 PIXELS: Final = 1_000
 """Maximum number of matches of an image that count."""
