@@ -19,8 +19,7 @@ from numpy.typing import NDArray
 from gateway.adapters.stereo.imaging.matched_depth import matched_depth
 from renderers.stereo.depth.depth_images import DepthImages
 from renderers.stereo.depth.filters import Filters
-from renderers.stereo.depth.image_pair import FINE
-from renderers.stereo.depth.matching import MIN_NOISE_SIGMA, match_pair
+from renderers.stereo.depth.matching import FINE, MIN_NOISE_SIGMA, match_pair
 from renderers.stereo.model import DISPARITY_SCALE, Quality
 from tools.calibration.samples import Sample, demo_samples, samples
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from renderers.stereo.depth.image_pair import block_means
+from renderers.stereo.depth.matching import block_means
 from renderers.stereo.mesh import mesh_kernels as kernels
 from renderers.stereo.model import DISPARITY_SCALE, Intrinsics
 

@@ -7,8 +7,7 @@ import pytest
 
 from gateway.adapters.stereo.device.profile import read_profile
 from renderers.stereo.depth.depth_images import DepthRange, true_disparity
-from renderers.stereo.depth.image_pair import fine_means
-from renderers.stereo.depth.matching import match_pair
+from renderers.stereo.depth.matching import fine_means, match_pair
 from renderers.stereo.light.projector import projected_dots
 from renderers.stereo.model import Quality
 from renderers.stereo.sensor.camera_image import (
@@ -16,12 +15,12 @@ from renderers.stereo.sensor.camera_image import (
     Lens,
     NoiseStream,
     SceneLight,
+    fixed_pattern,
     frame_key,
     image_from_light,
     light_on_sensor,
 )
 from renderers.stereo.sensor.exposure import Exposure
-from renderers.stereo.sensor.fixed_pattern import fixed_pattern
 from tests.adapters.stereo.analytic import plane, sphere
 
 MODEL = read_profile("rc_visard_160c").model

@@ -11,21 +11,18 @@ from renderers.compiler.jit import KERNELS
 from renderers.light_rig import CameraLight
 from renderers.stereo.depth.depth_images import DepthImages, DepthRange, exact_images, true_disparity
 from renderers.stereo.depth.filters import Filters, apply_filters, fill_holes
-from renderers.stereo.depth.image_pair import fine_means
-from renderers.stereo.depth.matching import match_pair
+from renderers.stereo.depth.matching import fine_means, match_pair
 from renderers.stereo.depth.metric_depth import align_depth
 from renderers.stereo.lens.color_camera import ColorCamera
 from renderers.stereo.lens.motion_blur import write_mean_light
-from renderers.stereo.light.key_light import light_factors
 from renderers.stereo.light.posed_projector import Surfaces, add_dots
 from renderers.stereo.light.projector import projected_dots
-from renderers.stereo.light.scene_light import scene_light
+from renderers.stereo.light.scene_light import light_factors, scene_light
 from renderers.stereo.mesh import mesh_kernels as mesh
 from renderers.stereo.mesh.disparity_mesh import MeshOptions, disparity_mesh
 from renderers.stereo.model import Intrinsics
-from renderers.stereo.sensor.camera_image import Lens, SceneLight, image_from_light, light_on_sensor
+from renderers.stereo.sensor.camera_image import Lens, SceneLight, fixed_pattern, image_from_light, light_on_sensor
 from renderers.stereo.sensor.exposure import Exposure
-from renderers.stereo.sensor.fixed_pattern import fixed_pattern
 
 KEY = np.uint64(7)
 

@@ -21,7 +21,7 @@ from renderers.drawlist import ImageError
 from renderers.interface import Frame, Look, Output, Renderer
 from renderers.stereo.depth.depth_images import DepthImages, exact_images, true_disparity
 from renderers.stereo.depth.filters import apply_filters
-from renderers.stereo.depth.image_pair import ImagePair
+from renderers.stereo.depth.matching import ImagePair
 from renderers.stereo.light.scene_light import camera_light
 from renderers.stereo.model import StereoModel
 from renderers.stereo.sensor.camera_image import (
@@ -30,13 +30,13 @@ from renderers.stereo.sensor.camera_image import (
     NoiseStream,
     SceneLight,
     SensorImage,
+    fixed_pattern,
     frame_key,
     image_from_light,
     light_on_sensor,
     relative_light,
 )
 from renderers.stereo.sensor.exposure import Exposure, auto_exposure
-from renderers.stereo.sensor.fixed_pattern import fixed_pattern
 
 GREY: Final = False
 """An image of a camera with one channel."""
