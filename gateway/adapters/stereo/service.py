@@ -18,7 +18,7 @@ from gateway.adapters.stereo.imaging.depth_measurement import MeasureArguments, 
 from gateway.adapters.stereo.imaging.recorded_pairs import PairImaging, RecordedPairs, pair_imaging
 from gateway.adapters.stereo.imaging.rendered_images import Imaging, MeteredExposure
 from gateway.adapters.stereo.imaging.scene_view import Capture, SceneReader, SceneSource, SceneState
-from gateway.adapters.stereo.stream.client_queues import MessageHub
+from gateway.adapters.stereo.stream.event_queues import EventHub
 from gateway.adapters.stereo.stream.faults import FaultInjector
 from gateway.adapters.stereo.stream.frame import FrameImages, FrameRecord
 from gateway.adapters.stereo.stream.frame_publisher import FramePublisher
@@ -73,7 +73,7 @@ class StereoService:
         self.config: Final = self.imaging.config
         """Fixed configuration. With recorded pairs, it has their camera model and depth mode."""
         self.workers = workers
-        self.events = MessageHub("event", config.max_clients, config.max_events)
+        self.events = EventHub(config.max_clients, config.max_events)
         self.injector: FaultInjector | None = None
         """Injects faults; None: they are not permitted."""
         if config.faults:
