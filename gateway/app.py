@@ -101,7 +101,8 @@ def create_app(
         registry=ServiceRegistry(essential=frozenset({KERNELS, "render", STATE})),
         metrics=Metrics(),
         workers=_workers(settings),
-        camera_workers=_workers(settings, "camera"),
+        # Matching takes a thread for 0.1 to 0.5 s, in which images need the others.
+        camera_workers=_workers(settings, "camera", further_threads=1),
         security=Security.from_settings(settings),
         state=state,
         reports=reports,
@@ -146,9 +147,9 @@ async def _lifespan(app: FastAPI) -> AsyncIterator[None]:
         await context.close()
 
 
-def _workers(settings: Settings, name: str = "worker") -> WorkerPool:
+def _workers(settings: Settings, name: str = "worker", further_threads: int = 0) -> WorkerPool:
     return WorkerPool(
-        settings.threads or max(1, usable_cpus() // settings.processes),
+        (settings.threads or max(1, usable_cpus() // settings.processes)) + further_threads,
         settings.queue,
         settings.queue_mb * MIB,
         name=name,

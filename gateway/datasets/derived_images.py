@@ -20,7 +20,7 @@ from renderers.camera import Camera
 from renderers.drawlist import AlphaMode, DrawList, Material
 from renderers.interface import VTK_LOOKS, Look, Renderer
 from renderers.light_rig import Rig
-from renderers.stereo.depth.image_pair import ImagePair
+from renderers.stereo.depth.matching import ImagePair
 from renderers.stereo.depth.metric_depth import millimetres_from_disparity
 from renderers.stereo.model import Quality
 from renderers.stereo.sensor.camera_image import NoiseStream

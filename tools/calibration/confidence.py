@@ -1,8 +1,8 @@
-"""Fit ``renderers/stereo/depth/match_confidence.json``: ``python -m tools.calibration.confidence [--cross-validate]``.
+"""Fit ``renderers/stereo/depth/match_confidence.json``: ``python -m tools.calibration.confidence``.
 
 Matches images of the scenes of ``scenes`` and ``plain_scenes`` without and with realism, and compares
-the matches with the exact disparity. ``errors`` judges the result with other seeds and with the demo, which the
-fit never sees; ``--cross-validate`` judges fits without a scene on that scene.
+the matches with the exact disparity. ``errors`` judges the result with other seeds, the demo and a real pair, which the
+fit never sees.
 """
 
 from __future__ import annotations
@@ -27,12 +27,11 @@ from renderers.stereo.depth.match_confidence import (
 )
 from renderers.stereo.depth.matching import MIN_NOISE_SIGMA, find_matches
 from renderers.stereo.model import Quality
-from tools.calibration.errors import print_reliability, reliability_of
 from tools.calibration.plain_scenes import PLAIN_SCENES
 from tools.calibration.samples import Sample, samples
 from tools.calibration.scenes import SCENES
 
-SEEDS: Final = {Quality.HIGH: range(100, 112), Quality.MEDIUM: range(100, 103)}
+SEEDS: Final = {Quality.HIGH: range(100, 108), Quality.MEDIUM: range(100, 103)}
 """Seeds of the scenes. Of few, the trees learn in which of them a plain wall happened to be right."""
 PIXELS: Final = 1_000
 """Maximum number of matches of an image that count."""
@@ -55,10 +54,6 @@ BORDERS: Final = 31
 class Matches:
     """Some matches of a sample."""
 
-    name: str
-    """Name of the scene."""
-    projector: bool
-    """The projector is on."""
     features: NDArray[np.float32]
     """(9, N) float32, ``FEATURES``."""
     deviations: NDArray[np.float32]
@@ -96,7 +91,7 @@ def collect(sample: Sample, matches: NDArray[np.uint16]) -> Iterator[Matches]:
         known = np.flatnonzero((with_texture(disparity, features) > 0) & (sample.exact > 0))
         picked = random.choice(known, min(len(known), pixels), replace=False)
         deviation = np.abs(disparity / np.float32(16.0) - sample.exact).reshape(-1)[picked]
-        yield Matches(sample.name, sample.projector, features.reshape(len(FEATURES), -1)[:, picked], deviation)
+        yield Matches(features.reshape(len(FEATURES), -1)[:, picked], deviation)
 
 
 def error_bins(features: NDArray[np.float32]) -> tuple[NDArray[np.intp], ...]:
@@ -161,12 +156,8 @@ def _gains(
 ) -> NDArray[np.float64]:
     """Return how much the likelihood gains if all leaves are divided at each of a feature's borders.
 
-    Args:
-        leaf: (N,), leaf of each match.
-        leaves: number of leaves.
-        bins: (N,), bin of the feature of each match.
-        slope: (N,), derivative of the likelihood by the sum of the weights.
-        curvature: (N,), its negative second derivative.
+    ``leaf`` and ``bins`` are those of each match, (N,). ``slope`` and ``curvature`` are the first derivative and the
+    negative second one of the likelihood by its sum of weights, (N,).
     """
     count = BORDERS + 1
     slopes, curvatures = (
@@ -184,26 +175,8 @@ def fit(matches: Sequence[Matches]) -> tuple[NDArray[np.int64], list[Tree]]:
     features = np.concatenate([each.features for each in matches], axis=1)
     deviations = np.concatenate([each.deviations for each in matches])
     errors = fit_errors(features, deviations)
-    return errors, fit_trees(features, is_right(errors, features, deviations))
-
-
-def is_right(
-    errors: NDArray[np.int64], features: NDArray[np.float32], deviations: NDArray[np.float32]
-) -> NDArray[np.bool_]:
-    """Return which matches are within 3 disparity errors, (N,)."""
-    return deviations <= 3.0 / 16.0 * errors[error_bins(features)] + 1e-6
-
-
-def cross_validate(matches: Sequence[Matches]) -> None:
-    """Print the share of right matches minus their confidence by scene, of fits without the scene."""
-    for name in dict.fromkeys(each.name for each in matches):
-        errors, trees = fit([each for each in matches if each.name != name])
-        for projector in (False, True):
-            own = [each for each in matches if each.name == name and each.projector == projector]
-            features = np.concatenate([each.features for each in own], axis=1)
-            right = is_right(errors, features, np.concatenate([each.deviations for each in own]))
-            confidence = 1.0 / (1.0 + np.exp(-sum(tree.sums(features) for tree in trees) * WEIGHT_UNIT))
-            print_reliability(f"{name}, {'on' if projector else 'off'}", reliability_of(confidence, right))
+    is_right = deviations <= 3.0 / 16.0 * errors[error_bins(features)] + 1e-6
+    return errors, fit_trees(features, is_right)
 
 
 def text_of(errors: NDArray[np.int64], trees: Sequence[Tree]) -> str:
@@ -219,8 +192,7 @@ def text_of(errors: NDArray[np.int64], trees: Sequence[Tree]) -> str:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
-    parser.add_argument("--cross-validate", action="store_true", help="judge fits without a scene on it; write no file")
-    options = parser.parse_args()
+    parser.parse_args()
     matches = [
         each
         for realism in (False, True)
@@ -229,9 +201,6 @@ def main() -> None:
         for sample in samples(quality, seed, realism=realism, scenes=(*SCENES, *PLAIN_SCENES))
         for each in collect(sample, find_matches(sample.left, sample.right, sample.disparity_count, sample.noise_sigma))
     ]
-    if options.cross_validate:
-        cross_validate(matches)
-        return
     FILE.write_text(text_of(*fit(matches)), encoding="utf-8")
 
 

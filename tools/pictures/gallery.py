@@ -46,8 +46,7 @@ from renderers.interface import Look, Output, SampleCount
 from renderers.light_rig import STUDIO, Hemisphere, Rig, Surroundings
 from renderers.raster import CpuRenderer, warmup
 from renderers.stereo.depth.depth_images import DepthRange, true_disparity
-from renderers.stereo.depth.image_pair import fine_means
-from renderers.stereo.depth.matching import match_pair
+from renderers.stereo.depth.matching import fine_means, match_pair
 from renderers.stereo.light.projector import projected_dots
 from renderers.stereo.model import DISPARITY_SCALE
 from renderers.stereo.sensor.camera_image import NoiseStream, SceneLight, frame_key, image_from_light, light_on_sensor

@@ -35,8 +35,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add("--gateway", metavar="URL", default=DEFAULT_GATEWAY, help=help_text)
     help_text = "record the gateway's live scene, with Drake's channels (default: --scene)"
     add("--scene", action=argparse.BooleanOptionalAction, default=True, help=help_text)
-    help_text = "record left, right, disparity, depth and points of this stereo camera; the default port is 50051"
+    help_text = "record left and right images of this stereo camera, and depth at its own rate; default port: 50051"
     add("--camera", metavar="HOST:PORT", help=help_text)
+    help_text = "with --camera: record disparity, depth and points, too (default: --depth)"
+    add("--depth", action=argparse.BooleanOptionalAction, default=True, help=help_text)
     add("--color", action="store_true", help="with --camera: left and right in colour")
     help_text = "begin a new file, OUT_1.mcap, OUT_2.mcap, after this many megabytes, at least 1; 0: never (default: 0)"
     add("--max-mb", type=at_least(0.0), default=0.0, metavar="MB", help=help_text)
@@ -51,6 +53,7 @@ def check_mode(options: argparse.Namespace) -> None:
         given = {
             "--camera": options.camera,
             "--color": options.color,
+            "--no-depth": not options.depth,
             "--no-scene": not options.scene,
             "--max-mb": options.max_mb,
             "--keep": options.keep,
@@ -75,10 +78,6 @@ def run(options: argparse.Namespace) -> None:
     stop = threading.Event()
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda *_: stop.set())
-    if options.seconds:
-        timer = threading.Timer(options.seconds, stop.set)
-        timer.daemon = True
-        timer.start()
     begin = time.monotonic()
     shown: set[str] = set()
     print_note("Recording ...")
@@ -125,9 +124,7 @@ def _recording(options: argparse.Namespace) -> RecordingOptions:
     credentials = pop_credentials(vars(options))
     camera = None
     if options.camera is not None:
-        camera = StreamOptions(
-            options.camera, left=True, right=True, disparity=True, color=options.color, credentials=credentials
-        )
+        camera = StreamOptions(options.camera, color=options.color, credentials=credentials)
     return RecordingOptions(
         options.mcap,
         options.profile,
@@ -136,4 +133,6 @@ def _recording(options: argparse.Namespace) -> RecordingOptions:
         credentials=credentials,
         max_bytes=int(options.max_mb * 1e6),
         keep=options.keep,
+        depth=options.depth,
+        seconds=options.seconds,
     )

@@ -24,11 +24,16 @@ class CameraConverter:
         self._baseline = baseline
         self._has_cloud = cloud
 
-    def convert(self, image_set: pb.ImageSet) -> list[ExposureImages]:
+    def convert(self, image_set: pb.ImageSet, *, depth_only: bool = False) -> list[ExposureImages]:
         """Return the images of a set and the values computed from them, grouped by the time of exposure.
 
-        The right image is left out until a set with disparity was converted, which has the baseline. Raises
-        BadImageError.
+        The right image is left out until a set with disparity was converted, which has the baseline.
+
+        Args:
+            depth_only: leave out left and right. The left image still colours the points.
+
+        Raises:
+            BadImageError: an image is invalid.
         """
         left = image_set.left if image_set.HasField("left") else None
         fields_by_time: defaultdict[int, dict[str, Any]] = defaultdict(lambda: {"images": {}})
@@ -43,9 +48,9 @@ class CameraConverter:
             fields["images"]["depth"] = CameraImage(disparity.image.calibration, "32FC1", depth.tobytes())
             if self._has_cloud:
                 fields["cloud"] = _cloud(depth, disparity, left)
-        if left is not None:
+        if left is not None and not depth_only:
             fields_by_time[nanoseconds(left.timestamp)]["images"]["left"] = _image(left)
-        if image_set.HasField("right") and self._baseline is not None:
+        if image_set.HasField("right") and not depth_only and self._baseline is not None:
             right = image_set.right
             tx = -right.focal_length * self._baseline
             fields_by_time[nanoseconds(right.timestamp)]["images"]["right"] = _image(right, tx)

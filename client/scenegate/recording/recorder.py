@@ -1,5 +1,8 @@
 """Record received values to MCAP files."""
 
+from __future__ import annotations
+
+import math
 import queue
 import threading
 import time
@@ -18,7 +21,15 @@ from scenegate.gateway_http import GatewayError
 from scenegate.recording.camera_values import CameraConverter
 from scenegate.recording.mcap_file import McapFiles
 from scenegate.recording.scene_mirror import SceneMirror
-from scenegate.recording.sources import QUEUED_ITEMS, Received, camera_sets, scene_frames, start_receiving
+from scenegate.recording.sources import (
+    QUEUED_ITEMS,
+    WAIT_SECONDS,
+    Received,
+    SourceName,
+    camera_sets,
+    scene_frames,
+    start_receiving,
+)
 from scenegate.recording.topics import Messages, Profile, ProfileName
 from scenegate.recording.values import SceneChange
 from scenegate.recording.view_frames import ViewFrame
@@ -30,6 +41,8 @@ WHOLE_SCENE_SECONDS: Final = 10.0
 """Minimum time between two records of the whole scene. Readers that start in the middle of a file need one."""
 WHOLE_SCENE_BYTES: Final = 1_000_000
 """Maximum bytes a second of records of the whole scene, beyond the first one."""
+REASON_SECONDS: Final = 0.5
+"""Maximum time in which a source that has sent nothing may say why."""
 POLL_SECONDS: Final = 0.1
 """Maximum time until a stop is noticed."""
 
@@ -44,12 +57,16 @@ class RecordingOptions:
     scene: str | None = None
     """Address of the gateway whose live scene is recorded, ``http://HOST:PORT``; None: none."""
     camera: StreamOptions | None = None
-    """Camera whose images are recorded; None: none."""
+    """Camera whose left and right images are recorded, without a choice of images; None: none."""
+    depth: bool = True
+    """Record the camera's disparity, depth and points, too, at the rate of depth."""
     credentials: Credentials = field(default_factory=Credentials)
     max_bytes: int = 0
     """Size of a file after which the next one begins; 0: no limit."""
     keep: int = 0
     """Number of files that are kept; 0: all."""
+    seconds: float = 0.0
+    """Duration from the first message of the last source; 0: no limit."""
 
 
 class SceneWriter:
@@ -59,7 +76,7 @@ class SceneWriter:
         self.files = files
         self._mirror = SceneMirror()
         self._profile = profile
-        self._camera = CameraConverter()
+        self.camera = CameraConverter()
         self._whole_scene_ns: int | None = None
         """Log time from which the whole scene is written again; None before the first update, which has it all."""
 
@@ -68,10 +85,20 @@ class SceneWriter:
         """Sentences about what of the scene is left out."""
         return [*self._mirror.warnings.values(), *self._profile.clouds.warnings]
 
-    def write(self, value: ViewFrame | pb.ImageSet, log_time_ns: int, *, is_first: bool = False) -> None:
-        """Write a received frame of the view or image set, nanoseconds since the epoch.
+    def write(
+        self, value: ViewFrame | pb.ImageSet, log_time_ns: int, *, is_first: bool = False, depth_only: bool = False
+    ) -> None:
+        """Write a received value.
 
-        ``is_first``: it is the first of a connection. Raises ViewFrameError, BadImageError or OSError.
+        Args:
+            value: frame of the view, image set or sample.
+            log_time_ns: nanoseconds since the epoch.
+            is_first: True for the first value of a connection.
+            depth_only: True: left and right image of the set are not written.
+
+        Raises:
+            ViewFrameError, BadImageError: the value is invalid.
+            OSError: a file cannot be written.
         """
         if is_first and isinstance(value, ViewFrame):
             self._mirror.reconnect()
@@ -87,7 +114,7 @@ class SceneWriter:
             if self._whole_scene_ns is None and is_update:  # the first one has the whole scene
                 self._plan_whole(log_time_ns, size)
         if isinstance(value, pb.ImageSet):
-            for exposure in self._camera.convert(value):
+            for exposure in self.camera.convert(value, depth_only=depth_only):
                 self._write_all(self._profile.camera(exposure), log_time_ns, exposure.time_ns)
 
     def _is_whole_due(self, change: SceneChange | None, log_time_ns: int, is_new_file: bool) -> bool:
@@ -124,35 +151,90 @@ def record(
     stop: threading.Event,
     report: Callable[[SceneWriter], None] = lambda writer: None,
 ) -> SceneWriter:
-    """Record until ``stop`` is set. The file is opened when the first value arrives, and complete also after an error.
+    """Record until ``stop`` is set or the time is over.
 
-    ``report`` is called with the writer after each value, and at least every ``POLL_SECONDS``. Raises GatewayError or
-    StreamFailure if a source cannot be reached at first, or nothing was received; ViewFrameError or BadImageError;
-    ImportError without the profile's packages; OSError for a file.
+    The file is opened when all sources have sent something, and complete also after an error.
+
+    Args:
+        report: called with the writer after each value, and then at least every ``POLL_SECONDS``.
+
+    Raises:
+        GatewayError, StreamFailure: a source cannot be reached at first, or has sent nothing.
+        ViewFrameError, BadImageError: a source has sent something invalid.
+        ImportError: packages of the profile are not installed.
+        OSError: a file cannot be written, or a certificate not read.
     """
     profile = Profile(options.profile)
     received: queue.Queue[Received | Exception] = queue.Queue(QUEUED_ITEMS)
-    if options.scene is not None:
-        start_receiving("scene", partial(scene_frames, options.scene, options.credentials), received)
-    if options.camera is not None:
-        start_receiving("camera", partial(camera_sets, options.camera), received)
+    silent = set(_start_sources(options, received))
     values = _received(received, stop)
-    first = next(filter(None, values), None)
-    if first is None:
-        raise GatewayError("nothing was received, and no file is written")
+    begun = _wait_for_sources(values, silent, time.monotonic() + WAIT_SECONDS + REASON_SECONDS)
+    if silent:
+        raise GatewayError(f"nothing was received from {_names(silent, options)}, and no file is written")
     # Opened now: a gateway that cannot be reached costs no earlier recording.
     limits = {"max_bytes": options.max_bytes, "keep": options.keep}
     with errors_name(options.path), closing(McapFiles(options.path, profile.mcap_profile, **limits)) as files:
         writer = SceneWriter(files, profile)
-        flush_time = time.monotonic() + FLUSH_SECONDS
-        for item in chain((first,), values):
+        now = time.monotonic()
+        flush_time, end = now + FLUSH_SECONDS, now + (options.seconds or math.inf)
+        for item in chain(begun, values):
+            now = time.monotonic()
             if item is not None:
-                writer.write(item.value, item.time_ns, is_first=item.is_first)
-            if time.monotonic() >= flush_time:
+                is_depth = item.source == "depth"
+                if is_depth and isinstance(item.value, pb.ImageSet) and not options.depth:
+                    writer.camera.convert(item.value)  # it remembers the baseline
+                else:
+                    writer.write(item.value, item.time_ns, is_first=item.is_first, depth_only=is_depth)
+            if now >= flush_time:
                 files.flush()
-                flush_time = time.monotonic() + FLUSH_SECONDS
+                flush_time = now + FLUSH_SECONDS
             report(writer)
+            if now >= end:
+                break
         return writer
+
+
+def _wait_for_sources(values: Iterator[Received | None], silent: set[SourceName], deadline: float) -> list[Received]:
+    """Return what to write when all sources have sent something: the scene's messages, and the first one of depth.
+
+    Args:
+        values: those of ``_received``.
+        silent: sources that have sent nothing yet, changed.
+        deadline: time at which the wait ends, seconds of the monotonic clock.
+    """
+    begun: list[Received] = []
+    for item in values:
+        if item is not None:
+            if item.source == "scene" or (item.source == "depth" and "depth" in silent):
+                begun.append(item)
+            silent.discard(item.source)
+        if not silent or time.monotonic() >= deadline:
+            break
+    return begun
+
+
+def _start_sources(options: RecordingOptions, received: queue.Queue[Received | Exception]) -> Iterator[SourceName]:
+    """Start the threads that receive, and yield the names of their sources."""
+    if options.scene is not None:
+        start_receiving("scene", partial(scene_frames, options.scene, options.credentials), received)
+        yield "scene"
+    if options.camera is not None:
+        pair = replace(options.camera, left=True, right=True, disparity=False)
+        # Only sets with disparity have the baseline, which the right image needs: without depth, one is enough.
+        depth = replace(
+            options.camera, left=options.depth, right=False, disparity=True, count=0 if options.depth else 1
+        )
+        start_receiving("images", partial(camera_sets, pair), received)
+        start_receiving("depth", partial(camera_sets, depth), received)
+        yield from ("images", "depth")
+
+
+def _names(sources: set[SourceName], options: RecordingOptions) -> str:
+    """Return the names of sources for an error message, with their addresses."""
+    address = options.camera.target if options.camera is not None else ""
+    depth = "depth" if options.depth else "disparity, for the baseline"
+    names = {"scene": f"{options.scene} (scene)", "images": f"{address} (images)", "depth": f"{address} ({depth})"}
+    return ", ".join(names[source] for source in sorted(sources))
 
 
 def _received(received: queue.Queue[Received | Exception], stop: threading.Event) -> Iterator[Received | None]:

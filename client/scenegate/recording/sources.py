@@ -9,7 +9,7 @@ import queue
 import threading
 import time
 from collections.abc import Callable, Iterator
-from typing import Final, NamedTuple
+from typing import Final, Literal, NamedTuple
 
 from websockets.asyncio.client import connect
 from websockets.exceptions import ConnectionClosedOK, InvalidStatus, WebSocketException
@@ -24,15 +24,26 @@ _log = logging.getLogger(__name__)
 
 QUEUED_ITEMS: Final = 32
 """Maximum number of received items that wait: image sets have megabytes."""
+WAIT_SECONDS: Final = 10.0
+"""Maximum time until the first message of a source."""
 RETRY_SECONDS: Final = 1.0
 """Time between two attempts to reach a gateway or camera that has gone."""
 ACKNOWLEDGEMENTS: Final = {"update": "k", "controls": "c"}
 """Responses that the gateway waits for, by the kind of the frame."""
 
 
+SourceName = Literal["scene", "images", "depth"]
+"""``images`` are left and right at the camera's rate; ``depth`` comes at its own, with the left image for colours."""
+
+
+class Unreachable(GatewayError):  # noqa: N818 - a condition
+    """The gateway does not respond, or has closed the connection."""
+
+
 class Received(NamedTuple):
     """Something that a source has received."""
 
+    source: SourceName
     value: ViewFrame | pb.ImageSet
     time_ns: int
     """Time of reception, nanoseconds since the epoch."""
@@ -43,24 +54,34 @@ class Received(NamedTuple):
 Receive = Callable[[], Iterator[ViewFrame | pb.ImageSet]]
 
 
-def start_receiving(name: str, receive: Receive, received: queue.Queue[Received | Exception]) -> None:
-    """Start a thread that queues what an iterator yields. After an error it begins again if it has yielded."""
-    threading.Thread(target=_receive, args=(receive, received), name=name, daemon=True).start()
+def start_receiving(source: SourceName, receive: Receive, received: queue.Queue[Received | Exception]) -> None:
+    """Start a thread that puts what an iterator yields into a queue, until the iterator ends.
+
+    After an error it begins again if the iterator has yielded before, or the gateway was unreachable, at first for
+    ``WAIT_SECONDS``.
+
+    Args:
+        receive: returns the iterator.
+    """
+    threading.Thread(target=_receive, args=(source, receive, received), name=source, daemon=True).start()
 
 
-def _receive(receive: Receive, received: queue.Queue[Received | Exception]) -> None:
+def _receive(source: SourceName, receive: Receive, received: queue.Queue[Received | Exception]) -> None:
     has_begun = is_lost = False
+    deadline = time.monotonic() + WAIT_SECONDS
     while True:
         try:
             for number, value in enumerate(receive()):
                 has_begun = True
                 is_lost = False
-                received.put(Received(value, time.time_ns(), is_first=number == 0))
+                received.put(Received(source, value, time.time_ns(), is_first=number == 0))
+            return
         except Exception as error:  # noqa: BLE001 - the recorder raises the first one
-            if not has_begun:
+            is_waiting = isinstance(error, Unreachable) and time.monotonic() < deadline
+            if not has_begun and not is_waiting:
                 received.put(error)
                 return
-            if not is_lost:
+            if has_begun and not is_lost:
                 _log.warning("%s; the recording goes on when it is back", error)
             is_lost = True
             time.sleep(RETRY_SECONDS)
@@ -69,7 +90,13 @@ def _receive(receive: Receive, received: queue.Queue[Received | Exception]) -> N
 def scene_frames(address: str, credentials: Credentials) -> Iterator[ViewFrame]:
     """Yield the frames of a gateway's view, ``http://HOST:PORT``. Raises ViewFrameError, or OSError for a certificate.
 
-    Raises GatewayError if the gateway does not respond, or has closed the connection.
+    Args:
+        address: of the gateway's HTTP port, ``http://HOST:PORT``.
+
+    Raises:
+        GatewayError: the gateway does not respond (``Unreachable``), or refuses the connection.
+        ViewFrameError: the gateway has sent something invalid.
+        OSError: a certificate cannot be read.
     """
     host, port, path, context = parse_address(address, credentials)
     host = f"[{host}]" if ":" in host else host
@@ -99,13 +126,13 @@ def scene_frames(address: str, credentials: Credentials) -> Iterator[ViewFrame]:
         finally:
             loop.run_until_complete(socket.close())
     except ConnectionClosedOK:
-        raise GatewayError(f"{address} has closed the connection") from None
+        raise Unreachable(f"{address} has closed the connection") from None
     except InvalidStatus as error:
         status = error.response.status_code
         hint = "; it may want another --token" if status in (401, 403) else ""
         raise GatewayError(f"{address} gives no scene: it has refused the connection ({status}){hint}") from None
     except (OSError, WebSocketException) as error:
-        raise GatewayError(f"{address} gives no scene: {reason_of(error)}") from None
+        raise Unreachable(f"{address} gives no scene: {reason_of(error)}") from None
     finally:
         loop.close()
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import time
 from collections.abc import Awaitable, Callable, Iterable
+from dataclasses import replace
 from typing import Any, Final
 
 import structlog
@@ -12,10 +13,12 @@ import structlog
 from gateway.adapters.stereo.device.camera_config import StereoConfig
 from gateway.adapters.stereo.device.parameters import Parameters
 from gateway.adapters.stereo.device.stream_settings import NEUTRAL_BLUE, NEUTRAL_RED, StreamSettings, read_settings
+from gateway.adapters.stereo.device.timestamps import NANOSECONDS_PER_SECOND
+from gateway.adapters.stereo.imaging.depth_measurement import MeasureArguments, MeasuredImages, measurement
 from gateway.adapters.stereo.imaging.recorded_pairs import PairImaging, RecordedPairs, pair_imaging
 from gateway.adapters.stereo.imaging.rendered_images import Imaging, MeteredExposure
 from gateway.adapters.stereo.imaging.scene_view import Capture, SceneReader, SceneSource, SceneState
-from gateway.adapters.stereo.stream.client_queues import MessageHub
+from gateway.adapters.stereo.stream.event_queues import EventHub
 from gateway.adapters.stereo.stream.faults import FaultInjector
 from gateway.adapters.stereo.stream.frame import FrameImages, FrameRecord
 from gateway.adapters.stereo.stream.frame_publisher import FramePublisher
@@ -28,6 +31,7 @@ from gateway.scene.tree.timeline import TimeError
 from renderers.interface import Renderer
 
 _log = structlog.get_logger("stereo")
+REBOOT_REASON: Final = "the stereo camera reboots"
 
 
 class StereoService:
@@ -69,7 +73,7 @@ class StereoService:
         self.config: Final = self.imaging.config
         """Fixed configuration. With recorded pairs, it has their camera model and depth mode."""
         self.workers = workers
-        self.events = MessageHub("event", config.max_clients, config.max_events)
+        self.events = EventHub(config.max_clients, config.max_events)
         self.injector: FaultInjector | None = None
         """Injects faults; None: they are not permitted."""
         if config.faults:
@@ -88,6 +92,8 @@ class StereoService:
             read_settings(self.parameters),
             on_streaming,
         )
+        self.measured: MeasuredImages | None = None
+        """Depth images of the last ``measure_depth``; None: there was none."""
         self._captures = 0
         """Number of captures apart from the stream."""
         self._port: int | None = None
@@ -182,6 +188,46 @@ class StereoService:
         # Values that the client has set in the same call stay.
         self.parameters.set("rc_camera", [item for item in manual.items() if item[0] not in changed_names])
         return changed_names
+
+    async def measure_depth(self, arguments: MeasureArguments) -> dict[str, Any]:
+        """Measure depth in a region, as the device's ``rc_measure`` does, and return its response.
+
+        Raises:
+            ValueError: an argument is not valid, or there is no last image; one sentence.
+            QueueFull: the worker queue is full.
+        """
+        region = arguments.check(self.config.model)
+        start = time.monotonic()
+        if arguments.data_acquisition_mode == "CAPTURE_NEW":
+            frame = await self.capture(SetKind(disparity=True))
+            timestamp = self._publisher.sent_timestamp(frame.record.depth_capture.timestamp)
+            divisor = frame.record.settings.quality.divisor
+            images = await frame.depth_images()
+            self.measured = MeasuredImages(images, divisor, timestamp, time.monotonic() - start)
+        if self.measured is None:
+            raise ValueError("data_acquisition_mode: nothing was captured yet that USE_LAST could measure")
+        start = time.monotonic()
+        model, cells = self.config.model, arguments.cell_count
+        response = await self.workers.run(measurement, self.measured, model, region, cells)
+        self.measured = replace(self.measured, processing_seconds=time.monotonic() - start)
+        return response
+
+    def reboot(self) -> None:
+        """End all streams and begin anew, with the parameters as they are."""
+        for kind in self.hub.kinds:
+            self.hub.end_streams(kind, REBOOT_REASON)
+        self.events.end_streams(REBOOT_REASON)
+        self.measured, self.imaging.exposure_memory.out1_high = None, None
+        self.started = time.time()
+
+    @property
+    def time(self) -> float:
+        """The device's time, seconds since the epoch. Timestamps are in it."""
+        return time.time() + self._publisher.clock_offset / NANOSECONDS_PER_SECOND
+
+    @time.setter
+    def time(self, seconds: float) -> None:
+        self._publisher.clock_offset = round((seconds - time.time()) * NANOSECONDS_PER_SECOND)
 
     def fire_trigger(self) -> tuple[int, str]:
         """Request one depth image in a single-frame mode. Return the device's return code and a message."""

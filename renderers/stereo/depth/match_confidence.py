@@ -3,7 +3,7 @@
 Each match has the ``FEATURES``. Three of them give its disparity error. Small decision trees give its confidence, the
 probability that it is right (within 3 disparity errors): a tree compares five features with borders, the results are
 the bits of the index of a weight, and the confidence is the logistic function of the sum of all trees' weights.
-``match_confidence.json`` has errors and trees. ``python -m bench.sensor_confidence`` writes it.
+``match_confidence.json`` has errors and trees. ``python -m tools.calibration.confidence`` writes it.
 """
 
 from __future__ import annotations

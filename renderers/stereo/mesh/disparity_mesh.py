@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from renderers.stereo.depth.image_pair import block_means
+from renderers.stereo.depth.matching import block_means
 from renderers.stereo.mesh import mesh_kernels as kernels
 from renderers.stereo.model import DISPARITY_SCALE, Intrinsics
 
@@ -71,13 +71,18 @@ def disparity_mesh(
     kernels.bin_points(disparity, bin_size, options.min_depth, bin_disparity, bin_u, bin_v)
     if options.watertight:
         kernels.fill_empty_bins(bin_disparity)
-    vertex_index = np.empty(bins, np.int32)
-    points = np.empty((np.count_nonzero(bin_disparity), 4), np.float32)
+    vertex_index = np.full(bins, -1, np.int32)
+    triangles = np.empty((2 * max(bins[0] - 1, 0) * max(bins[1] - 1, 0), 3), np.uint32)
+    max_step = np.inf if options.watertight else MAX_STEP
+    count = kernels.make_triangles(bin_disparity, bin_u, bin_v, max_step, vertex_index, triangles)
+    triangles = triangles[:count]
+    points = np.empty((np.count_nonzero(vertex_index >= 0), 4), np.float32)
     baseline_units = baseline / DISPARITY_SCALE
     kernels.make_points(
         bin_disparity, bin_u, bin_v, float(intrinsics.focal_length), float(intrinsics.cx), float(intrinsics.cy),
         baseline_units, FOOTPRINT * bin_size * baseline_units, vertex_index, points,
     )  # fmt: skip
+    kernels.number_corners(triangles, vertex_index)
     vertices = np.empty(len(points), _vertex_dtype(textured=options.textured))
     for column, name in enumerate(("x", "y", "z", "scan_size")):
         vertices[name] = points[:, column]
@@ -87,9 +92,6 @@ def disparity_mesh(
         colors = _bin_colors(left, width, height, bin_size)[vertex_index >= 0]
         for channel, name in enumerate(("red", "green", "blue")):
             vertices[f"diffuse_{name}"] = vertices[name] = colors[:, channel]
-    max_step = np.inf if options.watertight else MAX_STEP
-    triangles = np.empty((kernels.count_triangles(bin_disparity, max_step), 3), np.uint32)
-    kernels.make_triangles(bin_disparity, vertex_index, max_step, triangles)
     faces = np.empty(len(triangles), _FACE)
     faces["count"] = 3
     faces["indices"] = triangles

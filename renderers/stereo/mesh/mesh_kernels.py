@@ -6,7 +6,7 @@ import numpy as np
 
 from renderers.compiler.device_function import inlined
 from renderers.compiler.jit import kernel
-from renderers.compiler.kernel_types import F32, F64, I64, Array2, f32
+from renderers.compiler.kernel_types import F32, F64, I64, Array1, Array2, f32
 
 
 @kernel
@@ -112,7 +112,7 @@ def make_points(
     vertex_index: Array2[np.int32],
     points: Array2[np.float32],
 ) -> None:
-    """Write the 3D point and footprint of every valid bin, and the bin's vertex index (-1: no point).
+    """Write the 3D point and footprint of every bin that is a corner of a triangle, and number these bins.
 
     The manual's formula: P = ((u - cx) t / d, (v - cy) t / d, f t / d), with focal length f and baseline t.
 
@@ -125,22 +125,22 @@ def make_points(
         cy: principal point, pixels from the top edge.
         baseline_units: baseline times the disparity units per pixel, metres.
         footprint_units: footprint of a point times its disparity, metres.
-        vertex_index: (rows, columns), output.
+        vertex_index: (rows, columns), -1 where no triangle has a corner; numbers of the others are written.
         points: (N, 4), output: x, y, z and footprint, metres.
     """
     count = 0
     for row in range(bin_disparity.shape[0]):
         for column in range(bin_disparity.shape[1]):
+            if vertex_index[row, column] < 0:
+                continue
             d = bin_disparity[row, column]
-            vertex_index[row, column] = -1
-            if d > 0.0:
-                vertex_index[row, column] = count
-                metres_per_pixel = baseline_units / d
-                points[count, 0] = (bin_u[row, column] - cx) * metres_per_pixel
-                points[count, 1] = (bin_v[row, column] - cy) * metres_per_pixel
-                points[count, 2] = focal_length * metres_per_pixel
-                points[count, 3] = footprint_units / d
-                count += 1
+            vertex_index[row, column] = count
+            metres_per_pixel = baseline_units / d
+            points[count, 0] = (bin_u[row, column] - cx) * metres_per_pixel
+            points[count, 1] = (bin_v[row, column] - cy) * metres_per_pixel
+            points[count, 2] = focal_length * metres_per_pixel
+            points[count, 3] = footprint_units / d
+            count += 1
 
 
 @inlined
@@ -161,43 +161,64 @@ def _connected_corners(bin_disparity: Array2[np.float32], row: I64, column: I64,
 
 
 @kernel
-def count_triangles(bin_disparity: Array2[np.float32], max_step: F32) -> I64:
-    """Return the number of triangles that ``make_triangles`` writes."""
+def make_triangles(
+    bin_disparity: Array2[np.float32],
+    bin_u: Array2[np.float32],
+    bin_v: Array2[np.float32],
+    max_step: F32,
+    vertex_index: Array2[np.int32],
+    triangles: Array2[np.uint32],
+) -> I64:
+    """Write the triangles as numbers of bins, and return their number.
+
+    They are counter-clockwise seen from the camera, in the vendor's order (i-1,k-1), (i-1,k), (i,k), (i,k-1). A cell
+    with four points is divided along the diagonal that lies in it: mean positions of bins can make it concave.
+
+    Args:
+        bin_disparity: (rows, columns).
+        bin_u: (rows, columns), pixels from the left edge.
+        bin_v: (rows, columns), pixels from the top edge.
+        max_step: maximum difference of the disparities in a cell.
+        vertex_index: (rows, columns), output: 0 at each corner of a triangle.
+        triangles: (N, 3), output, with room for two triangles for each cell.
+    """
+    columns = bin_disparity.shape[1]
+    d, u, v, vertices = bin_disparity.reshape(-1), bin_u.reshape(-1), bin_v.reshape(-1), vertex_index.reshape(-1)
     count = 0
     for row in range(bin_disparity.shape[0] - 1):
-        for column in range(bin_disparity.shape[1] - 1):
-            count += max(_connected_corners(bin_disparity, row, column, max_step) - 2, 0)
+        for column in range(columns - 1):
+            valid = _connected_corners(bin_disparity, row, column, max_step)
+            if valid == 0:
+                continue
+            upper_left = row * columns + column
+            a, b, c, e = upper_left, upper_left + columns, upper_left + columns + 1, upper_left + 1
+            if valid == 4 and (not _faces_camera(u, v, a, b, c) or not _faces_camera(u, v, c, e, a)):
+                a, b, c, e = b, c, e, a
+            # The first triangle lacks the corner e, the second b. With three points there is one triangle.
+            for first, second, third, is_whole in (
+                (a, b, c, d[e] == 0.0 or valid == 4),
+                (c, e, a, d[b] == 0.0 or valid == 4),
+                (a, b, e, d[c] == 0.0),
+                (b, c, e, d[a] == 0.0),
+            ):
+                if is_whole and _faces_camera(u, v, first, second, third):
+                    triangles[count, 0], triangles[count, 1], triangles[count, 2] = first, second, third
+                    vertices[first] = vertices[second] = vertices[third] = 0
+                    count += 1
     return count
 
 
+@inlined
+def _faces_camera(u: Array1[np.float32], v: Array1[np.float32], first: I64, second: I64, third: I64) -> bool:
+    """Return True if three bins are counter-clockwise in the image, whose v axis points down."""
+    across = (u[second] - u[first]) * (v[third] - v[first])
+    return across < (v[second] - v[first]) * (u[third] - u[first])
+
+
 @kernel
-def make_triangles(
-    bin_disparity: Array2[np.float32], vertex_index: Array2[np.int32], max_step: F32, triangles: Array2[np.uint32]
-) -> None:
-    """Write the triangles, counter-clockwise seen from the camera: the vendor's order (i-1,k-1), (i-1,k), (i,k),
-    (i,k-1)."""
-    count = 0
-    for row in range(bin_disparity.shape[0] - 1):
-        for column in range(bin_disparity.shape[1] - 1):
-            if _connected_corners(bin_disparity, row, column, max_step) == 0:
-                continue
-            first, second, third = -1, -1, -1
-            for corner in (
-                vertex_index[row, column],
-                vertex_index[row + 1, column],
-                vertex_index[row + 1, column + 1],
-                vertex_index[row, column + 1],
-            ):
-                if corner < 0:
-                    continue
-                if first < 0:
-                    first = corner
-                elif second < 0:
-                    second = corner
-                elif third < 0:
-                    third = corner
-                    triangles[count, 0], triangles[count, 1], triangles[count, 2] = first, second, third
-                    count += 1
-                else:
-                    triangles[count, 0], triangles[count, 1], triangles[count, 2] = third, corner, first
-                    count += 1
+def number_corners(triangles: Array2[np.uint32], vertex_index: Array2[np.int32]) -> None:
+    """Replace the numbers of bins in ``triangles``, (N, 3), by those of their vertices."""
+    vertices = vertex_index.reshape(-1)
+    for row in range(triangles.shape[0]):
+        for corner in range(3):
+            triangles[row, corner] = vertices[triangles[row, corner]]

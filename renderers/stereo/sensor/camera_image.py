@@ -1,7 +1,8 @@
 """Camera image of a rendered image: light on the sensor, then the sensor's response with noise.
 
 ``light_on_sensor`` adds the projector, key light, lens blur and vignetting. Light is linear; 1 is rendered white
-(``exposure.LIGHT_OF_LEVEL``). ``image_from_light`` makes the camera image of it.
+(``exposure.LIGHT_OF_LEVEL``). ``image_from_light`` makes the camera image of it, with noise and the fixed pattern of
+the sensor: offsets of pixels and columns and gains of pixels, the same in every frame.
 """
 
 from __future__ import annotations
@@ -13,12 +14,12 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from renderers.cache import Cache
 from renderers.compiler.kernel_types import u64
-from renderers.stereo.light.key_light import FACTOR_ONE
 from renderers.stereo.light.projector import FULL_LIGHT
+from renderers.stereo.light.scene_light import FACTOR_ONE
 from renderers.stereo.model import Intrinsics
 from renderers.stereo.sensor.exposure import LIGHT_OF_LEVEL, LIGHT_WHITE, LUMA, RESPONSE_STEPS, Exposure
-from renderers.stereo.sensor.fixed_pattern import GAIN_UNIT, OFFSET_UNIT, FixedPattern
 from renderers.stereo.sensor.light_kernels import light_rows
 from renderers.stereo.sensor.noise import NORMAL_TABLE
 from renderers.stereo.sensor.sensor_kernels import expose_light
@@ -31,6 +32,20 @@ MAX_LENS_BLUR: Final = 0.70710678
 """Maximum standard deviation of the filter of three taps, pixels: a wider one would invert the finest patterns."""
 VIGNETTING_EXPONENT: Final = 3
 """Power of the cosine of the field angle with which light falls. A thin lens has 4; real lenses correct a part."""
+PIXEL_OFFSET: Final = 0.1
+"""Standard deviation of the pixels' offsets at 0 dB, grey levels. Offsets are amplified by the gain.
+
+The device's magnitudes are not published. Ours are of the order that data sheets (EMVA 1288) give for CMOS sensors with
+global shutter, after the camera's own correction."""
+COLUMN_OFFSET: Final = 0.08
+"""Standard deviation of the columns' offsets at 0 dB, grey levels."""
+PIXEL_GAIN: Final = 0.004
+"""Standard deviation of the pixels' gains, relative (PRNU)."""
+OFFSET_UNIT: Final = 1.0 / 128.0
+"""Grey levels at 0 dB per unit of ``FixedPattern.offset``."""
+GAIN_UNIT: Final = 1.0 / 4096.0
+"""Relative light per unit of ``FixedPattern.gain``."""
+
 
 _NO_DOTS: Final = np.zeros((1, 1), np.uint16)
 """Kernel argument for ``SceneLight.dots`` of None."""
@@ -40,7 +55,6 @@ _GROUP_MEANS: Final = NORMAL_TABLE.reshape(128, -1).mean(axis=1)
 """(128,) float32, means of groups of neighbouring quantiles."""
 _NOISE_QUANTILES: Final = np.asarray(_GROUP_MEANS / _GROUP_MEANS.std(), np.float32)
 """(128,) float32, quantiles of the standard normal distribution, coarser than ``NORMAL_TABLE``."""
-_NO_PATTERN: Final = FixedPattern(np.zeros((1, 1), np.int8), np.zeros((1, 1), np.int8))
 _MASK64: Final = (1 << 64) - 1
 
 
@@ -144,6 +158,54 @@ def frame_key(seed: int, frame: int, stream: NoiseStream) -> np.uint64:
         state = (state ^ state >> 27) * 0x94D049BB133111EB & _MASK64
         state ^= state >> 31
     return np.uint64(state)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FixedPattern:
+    """Fixed pattern of one sensor."""
+
+    offset: NDArray[np.int8]
+    """(H, W) int8, units of ``OFFSET_UNIT``."""
+    gain: NDArray[np.int8]
+    """(H, W) int8, units of ``GAIN_UNIT``; 0: the mean gain."""
+
+
+_NO_PATTERN: Final = FixedPattern(np.zeros((1, 1), np.int8), np.zeros((1, 1), np.int8))
+_cached_patterns: Cache[tuple[int, bool, int, int], FixedPattern] = Cache("fixed_patterns")
+
+
+def fixed_pattern(seed: int, *, right: bool, height: int, width: int) -> FixedPattern:
+    """Return the pattern of a sensor, from the cache if possible. It depends on the arguments only.
+
+    Args:
+        seed: seed of the stereo camera.
+        right: the right sensor instead of the left one.
+        height: rows.
+        width: columns.
+    """
+    key = (seed, right, height, width)
+    pattern = _cached_patterns.get(key)
+    if pattern is None:
+        pattern = _make_pattern(*key)
+        _cached_patterns.put(key, pattern, pattern.offset.nbytes + pattern.gain.nbytes)
+    return pattern
+
+
+def _make_pattern(seed: int, right: bool, height: int, width: int) -> FixedPattern:
+    random = np.random.Generator(np.random.Philox(key=(seed << 1 | int(right)) & (2**128 - 1)))
+
+    def normal(*shape: int) -> NDArray[np.float64]:
+        """Return approximately normal numbers from sums of four bytes: equal on every CPU, unlike a logarithm."""
+        total = random.integers(0, 256, (4, *shape), np.uint8).sum(axis=0, dtype=np.int64)
+        # The sum has the mean 4 * 127.5 and the standard deviation sqrt(4 * (256**2 - 1) / 12).
+        numbers: NDArray[np.float64] = (total - 510.0) / 147.8
+        return numbers
+
+    def to_int8(values: NDArray[np.float64]) -> NDArray[np.int8]:
+        return np.clip(np.rint(values), -127, 127).astype(np.int8)
+
+    offset = PIXEL_OFFSET * normal(height, width) + COLUMN_OFFSET * normal(width)
+    return FixedPattern(to_int8(offset / OFFSET_UNIT), to_int8(PIXEL_GAIN / GAIN_UNIT * normal(height, width)))
 
 
 @dataclass(frozen=True, slots=True)

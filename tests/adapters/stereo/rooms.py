@@ -17,7 +17,7 @@ from gateway.scene.tree.transforms import look_at
 from renderers.drawlist import DrawList, Image, Instance, Material, Mesh, Sampler, Texture
 from renderers.interface import Output
 from renderers.raster import CpuRenderer
-from renderers.stereo.depth.image_pair import ImagePair
+from renderers.stereo.depth.matching import ImagePair
 from renderers.stereo.model import DISPARITY_SCALE
 from renderers.stereo.realism import RealismPart
 from renderers.stereo.sensor.camera_image import NoiseStream

@@ -1,5 +1,8 @@
 """Joint values, from the sliders of robots in the page."""
 
+from __future__ import annotations
+
+import operator
 import queue
 from collections.abc import Iterator
 from contextlib import closing
@@ -12,8 +15,9 @@ from gateway.adapters.viewer.control_frames import ControlFrames
 from gateway.adapters.viewer.snapshot_frames import SnapshotFrames
 from gateway.scene.page.control_store import ControlStore
 from gateway.scene.tree.live import LiveTree
+from scenegate.gateway_http import GatewayError
 from scenegate.messages.controls import Slider
-from scenegate.recording import recorder
+from scenegate.recording import recorder, sources
 from scenegate.recording.mcap_file import McapFiles
 from scenegate.recording.sources import Received, _receive
 from scenegate.recording.topics import Profile, ProfileName
@@ -71,17 +75,16 @@ async def test_joints_of_a_gateway_that_has_ended(tmp_path: Path, monkeypatch: p
     with live.edit() as edit:
         edit.set_visible(("arm",), False)
     *_, update = await SnapshotFrames().advance(live.snapshot)
+    monkeypatch.setattr(sources, "RETRY_SECONDS", 0.0)
     connections = iter([[update, ControlFrames(store, live).since(0), update], [update, update]])
 
     def receive() -> Iterator[ViewFrame]:
-        frames = next(connections, None)
-        if frames is None:
-            raise KeyboardInterrupt  # nothing else ends it
-        return map(ViewFrame, frames)
+        yield from map(ViewFrame, next(connections))
+        if operator.length_hint(connections):
+            raise GatewayError("the connection is lost")
 
     received: queue.Queue[Received | Exception] = queue.Queue()
-    with pytest.raises(KeyboardInterrupt):
-        _receive(receive, received)
+    _receive("scene", receive, received)
     profile, joint_counts = Profile("foxglove"), []
     with closing(McapFiles(tmp_path / "a.mcap", profile.mcap_profile)) as files:
         writer = recorder.SceneWriter(files, profile)

@@ -7,19 +7,22 @@ import pytest
 from numpy.typing import NDArray
 
 from gateway.adapters.stereo.device.profile import PROFILE_NAMES, read_profile
-from renderers.stereo.light.key_light import FACTOR_ONE
+from renderers.stereo.light.scene_light import FACTOR_ONE
 from renderers.stereo.model import Intrinsics
 from renderers.stereo.sensor.camera_image import (
+    COLUMN_OFFSET,
     LENS_BLUR,
+    PIXEL_GAIN,
+    PIXEL_OFFSET,
     Lens,
     NoiseStream,
     SceneLight,
+    fixed_pattern,
     frame_key,
     image_from_light,
     light_on_sensor,
 )
 from renderers.stereo.sensor.exposure import LIGHT_WHITE, Exposure
-from renderers.stereo.sensor.fixed_pattern import COLUMN_OFFSET, PIXEL_GAIN, PIXEL_OFFSET, fixed_pattern
 
 MODEL = read_profile("rc_visard_160c").model
 K = MODEL.intrinsics()

@@ -174,12 +174,14 @@ def test_any_disparity_image_gives_a_valid_file(
     options = MeshOptions(max_points, min_depth, watertight, textured)
     _, vertices, faces = read(disparity_mesh(d, k, 0.1, options, left))
     n = smallest_bin_size(width, height, max_points)
-    bins = -(-width // n) * -(-height // n)
-    assert len(vertices) <= bins
+    columns, rows = -(-width // n), -(-height // n)
+    assert len(vertices) <= rows * columns
     if watertight:
-        assert len(vertices) == (bins if d.any() else 0)
+        assert len(vertices) == (rows * columns if d.any() and min(rows, columns) > 1 else 0)
+    assert (np.unique(faces) == np.arange(len(vertices))).all(), "vertices that no face uses"
     if len(faces):
-        assert faces.max() < len(vertices)
+        first, second, third = (points(vertices)[faces[:, corner]] for corner in range(3))
+        assert (np.linalg.det(np.stack((first, second, third), axis=1)) < 0).all(), "faces the camera"
         assert (faces[:, 0] != faces[:, 1]).all()
         assert (faces[:, 1] != faces[:, 2]).all()
         assert (faces[:, 0] != faces[:, 2]).all()

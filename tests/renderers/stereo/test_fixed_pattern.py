@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from renderers.stereo.sensor.fixed_pattern import (
+from renderers.stereo.sensor.camera_image import (
     COLUMN_OFFSET,
     GAIN_UNIT,
     OFFSET_UNIT,

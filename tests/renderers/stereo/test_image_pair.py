@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from renderers.stereo.depth.image_pair import block_means
+from renderers.stereo.depth.matching import block_means
 
 
 def image(*shape: int) -> NDArray[np.uint8]:

@@ -7,8 +7,7 @@ import pytest
 
 from gateway.adapters.stereo.device.profile import read_profile
 from renderers.stereo.depth.depth_images import DepthRange, true_disparity
-from renderers.stereo.depth.image_pair import fine_means
-from renderers.stereo.depth.matching import match_pair
+from renderers.stereo.depth.matching import fine_means, match_pair
 from renderers.stereo.light.projector import projected_dots
 from renderers.stereo.model import Quality
 from renderers.stereo.sensor.camera_image import (
@@ -16,12 +15,12 @@ from renderers.stereo.sensor.camera_image import (
     Lens,
     NoiseStream,
     SceneLight,
+    fixed_pattern,
     frame_key,
     image_from_light,
     light_on_sensor,
 )
 from renderers.stereo.sensor.exposure import Exposure
-from renderers.stereo.sensor.fixed_pattern import fixed_pattern
 from tests.adapters.stereo.analytic import plane, sphere
 
 MODEL = read_profile("rc_visard_160c").model
@@ -49,3 +48,21 @@ def test_matching_with_soft_dots(quality: Quality) -> None:
     sure = (true > 0) & (measured.confidence >= 128)
     assert sure.sum() / (true > 0).sum() >= 0.95
     assert (np.abs(measured.disparity / 16 - true)[sure] > 1).mean() < 0.01
+
+
+@pytest.mark.parametrize("width", [640, 1280])
+def test_a_small_near_thing_is_found_before_a_far_wall(width: int) -> None:
+    """The search is limited by the nearest thing in images of half the size."""
+    height, far, near = width // 2, 20, 180
+    random = np.random.default_rng(5)
+    right = random.integers(300, 3000, (height, width), np.uint16)
+    left = np.roll(right, far, axis=1)
+    side = width // 40
+    rows, columns = slice(100, 100 + 4 * side), slice(400, 400 + side)
+    left[rows, columns] = random.integers(300, 3000, (4 * side, side), np.uint16)
+    right[rows, columns.start - near : columns.stop - near] = left[rows, columns]
+    measured = match_pair(left, right, 216, 0.3)
+    inside = measured.disparity[rows, columns][4:-4, 4:-4]
+    assert (np.abs(inside / 16.0 - near) <= 0.5).mean() > 0.8
+    elsewhere = measured.disparity[:90, 40:-40]
+    assert (np.abs(elsewhere / 16.0 - far) <= 0.5).mean() > 0.95

@@ -11,21 +11,18 @@ from renderers.compiler.jit import KERNELS
 from renderers.light_rig import CameraLight
 from renderers.stereo.depth.depth_images import DepthImages, DepthRange, exact_images, true_disparity
 from renderers.stereo.depth.filters import Filters, apply_filters, fill_holes
-from renderers.stereo.depth.image_pair import fine_means
-from renderers.stereo.depth.matching import match_pair
+from renderers.stereo.depth.matching import fine_means, match_pair
 from renderers.stereo.depth.metric_depth import align_depth
 from renderers.stereo.lens.color_camera import ColorCamera
 from renderers.stereo.lens.motion_blur import write_mean_light
-from renderers.stereo.light.key_light import light_factors
 from renderers.stereo.light.posed_projector import Surfaces, add_dots
 from renderers.stereo.light.projector import projected_dots
-from renderers.stereo.light.scene_light import scene_light
+from renderers.stereo.light.scene_light import light_factors, scene_light
 from renderers.stereo.mesh import mesh_kernels as mesh
 from renderers.stereo.mesh.disparity_mesh import MeshOptions, disparity_mesh
 from renderers.stereo.model import Intrinsics
-from renderers.stereo.sensor.camera_image import Lens, SceneLight, image_from_light, light_on_sensor
+from renderers.stereo.sensor.camera_image import Lens, SceneLight, fixed_pattern, image_from_light, light_on_sensor
 from renderers.stereo.sensor.exposure import Exposure
-from renderers.stereo.sensor.fixed_pattern import fixed_pattern
 
 KEY = np.uint64(7)
 
@@ -191,10 +188,22 @@ def test_empty_bins_continue_the_background() -> None:
 
 def test_points_follow_the_manuals_formula() -> None:
     d, u, v = np.array([[0, 8]], np.float32), np.array([[0.5, 3.5]], np.float32), np.array([[0.5, 2.5]], np.float32)
-    index, points = np.empty((1, 2), np.int32), np.empty((1, 4), np.float32)
+    index, points = np.array([[-1, 0]], np.int32), np.empty((1, 4), np.float32)
     mesh.make_points(d, u, v, 100.0, 2.0, 4.0, 1.6, 0.4, index, points)
     assert index.tolist() == [[-1, 0]]
     assert points[0] == pytest.approx([1.5 * 0.2, -1.5 * 0.2, 20.0, 0.05])
+
+
+PIXELS = np.array([[0.5, 1.5], [0.5, 1.5]], np.float32), np.array([[0.5, 0.5], [1.5, 1.5]], np.float32)
+"""Positions of the pixels of a cell."""
+
+
+def triangles_of(
+    d: NDArray[np.float32], max_step: float, positions: tuple[NDArray[np.float32], NDArray[np.float32]] = PIXELS
+) -> tuple[NDArray[np.uint32], NDArray[np.int32]]:
+    """Return the triangles of a cell and its bins with a corner."""
+    index, out = np.full((2, 2), -1, np.int32), np.empty((2, 3), np.uint32)
+    return out[: mesh.make_triangles(d, *positions, max_step, index, out)], index
 
 
 @pytest.mark.parametrize(
@@ -202,7 +211,7 @@ def test_points_follow_the_manuals_formula() -> None:
     [
         (None, [[0, 2, 3], [3, 1, 0]]),
         ((0, 0), [[1, 2, 0]]),
-        ((1, 0), [[0, 2, 1]]),
+        ((1, 0), [[2, 1, 0]]),
         ((1, 1), [[0, 2, 1]]),
         ((0, 1), [[0, 1, 2]]),
     ],
@@ -211,18 +220,34 @@ def test_triangles_of_a_cell(missing: tuple[int, int] | None, triangles: list[li
     d = np.full((2, 2), 10.0, np.float32)
     if missing is not None:
         d[missing] = 0.0
-    index = np.where(d > 0, np.cumsum(d > 0).reshape(2, 2) - 1, -1).astype(np.int32)
-    assert mesh.count_triangles(d, 1.0) == len(triangles)
-    out = np.empty((len(triangles), 3), np.uint32)
-    mesh.make_triangles(d, index, 1.0, out)
-    assert out.tolist() == triangles
+    found, index = triangles_of(d, 1.0)
+    mesh.make_points(d, *PIXELS, 1.0, 0.0, 0.0, 1.0, 1.0, index, np.empty((4, 4), np.float32))
+    mesh.number_corners(found, index)
+    assert found.tolist() == triangles
+    assert (index >= 0).tolist() == (d > 0).tolist()
 
 
 def test_cells_are_cut_beyond_the_largest_step() -> None:
     d = np.array([[10, 10], [10, 12]], np.float32)
-    assert mesh.count_triangles(d, 2.0) == 2
-    assert mesh.count_triangles(d, 1.99) == 0
-    assert mesh.count_triangles(np.array([[10, 0], [0, 10]], np.float32), 2.0) == 0
+    assert len(triangles_of(d, 2.0)[0]) == 2
+    assert len(triangles_of(d, 1.99)[0]) == 0
+    assert len(triangles_of(np.array([[10, 0], [0, 10]], np.float32), 2.0)[0]) == 0
+
+
+def test_no_triangle_of_moved_points_faces_away() -> None:
+    """Points of bins lie anywhere in them, as with MIN_DEPTH: the cell is divided where it is not concave."""
+    d = np.full((2, 2), 10.0, np.float32)
+    u, v = np.array([[0.5, 2.5], [1.5, 2.5]], np.float32), np.array([[1.5, 0.5], [2.5, 2.5]], np.float32)
+    found, _ = triangles_of(d, 1.0, (u, v))
+    assert len(found) == 2
+    v[1, 0], u[1, 0], v[0, 0], u[0, 0] = 2.5, 0.5, 1.9, 1.9  # the upper left point is beyond the other diagonal
+    found, _ = triangles_of(d, 1.0, (u, v))
+    area = [
+        (x[1] - x[0]) * (y[2] - y[0]) - (y[1] - y[0]) * (x[2] - x[0])
+        for x, y in zip(u.reshape(-1)[found], v.reshape(-1)[found], strict=True)
+    ]
+    assert len(area) == 2
+    assert max(area) < 0
 
 
 def test_dots_move_with_offset_and_rows() -> None:

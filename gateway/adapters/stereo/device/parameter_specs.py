@@ -1,4 +1,4 @@
-"""Parameters of rc_camera, rc_stereomatching and rc_iocontrol in firmware 26.04.
+"""Parameters of the nodes of firmware 26.04.
 
 Sources: the rc_visard's manual, and backups of real devices.
 """
@@ -129,6 +129,7 @@ NODES: Final[Mapping[str, Mapping[str, Spec]]] = MappingProxyType(
             ),
             _enum("out2_mode", _OUT_MODES, "Low", "Output 2", aliases=_OUT_ALIASES),
         ),
+        "rc_measure": {},
     }
 )
 """Specifications by node and name."""
@@ -151,6 +152,6 @@ def specs_of(limits: DeviceLimits) -> Mapping[str, Mapping[str, Spec]]:
     }
     # Keywords from a mapping have one type for all fields, so mypy cannot check them.
     return {
-        node: {name: replace(spec, **changes[node].get(name, {})) for name, spec in specs.items()}  # type: ignore[arg-type]
+        node: {name: replace(spec, **changes.get(node, {}).get(name, {})) for name, spec in specs.items()}  # type: ignore[arg-type]
         for node, specs in NODES.items()
     }

@@ -16,10 +16,9 @@ from renderers.camera import Camera
 from renderers.drawlist import DrawList
 from renderers.interface import Frame, Look, Output, Renderer
 from renderers.stereo.lens.motion_blur import write_mean_light
-from renderers.stereo.light.key_light import light_factors, shadow_camera
 from renderers.stereo.light.posed_projector import Surfaces, add_dots
 from renderers.stereo.light.projector import projected_dots, returned_shares
-from renderers.stereo.light.scene_light import scene_light
+from renderers.stereo.light.scene_light import light_factors, scene_light, shadow_camera
 
 _GEOMETRY: Final = Output.DEPTH | Output.NORMAL
 """Outputs from which the factors of the key light follow."""

@@ -11,8 +11,7 @@ from gateway.adapters.stereo.device.camera_config import StereoConfig
 from gateway.adapters.stereo.device.stream_settings import StreamSettings
 from renderers.stereo.depth.depth_images import DepthImages
 from renderers.stereo.depth.filters import apply_filters, fill_holes
-from renderers.stereo.depth.image_pair import ImagePair, block_means
-from renderers.stereo.depth.matching import match_pair
+from renderers.stereo.depth.matching import ImagePair, block_means, match_pair
 
 
 def matched_depth(

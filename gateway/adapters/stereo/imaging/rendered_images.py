@@ -21,7 +21,7 @@ from renderers.drawlist import ImageError
 from renderers.interface import Frame, Look, Output, Renderer
 from renderers.stereo.depth.depth_images import DepthImages, exact_images, true_disparity
 from renderers.stereo.depth.filters import apply_filters
-from renderers.stereo.depth.image_pair import ImagePair
+from renderers.stereo.depth.matching import ImagePair
 from renderers.stereo.light.scene_light import camera_light
 from renderers.stereo.model import StereoModel
 from renderers.stereo.sensor.camera_image import (
@@ -30,13 +30,13 @@ from renderers.stereo.sensor.camera_image import (
     NoiseStream,
     SceneLight,
     SensorImage,
+    fixed_pattern,
     frame_key,
     image_from_light,
     light_on_sensor,
     relative_light,
 )
 from renderers.stereo.sensor.exposure import Exposure, auto_exposure
-from renderers.stereo.sensor.fixed_pattern import fixed_pattern
 
 GREY: Final = False
 """An image of a camera with one channel."""
@@ -305,7 +305,8 @@ def choose_exposure(
     * ``Out1High``: only images with Out1 high are metered. Images with Out1 low get the exposure of the last one
       metered.
     * ``AdaptiveOut1``: images with Out1 low are exposed less, so that nothing is over-exposed when Out1 goes high.
-      ``out1_reduction`` is the share by which they are exposed less, 0 to 1.
+
+    In the last two, ``out1_reduction`` is the share by which images with Out1 low are exposed less, 0 to 1.
 
     Args:
         unlit: (h, w) float32, light of the left image at 1/``METERING_DIVISOR`` of the resolution, 1 is white, without
@@ -319,14 +320,14 @@ def choose_exposure(
     if limits is None:
         return manual, 0.0
     unlit, lit = _metered_region(unlit, settings), _metered_region(lit, settings)
-    if settings.auto_exposure_mode == "AdaptiveOut1":
-        unlit_exposure, lit_exposure = auto_exposure(unlit, limits, manual), auto_exposure(lit, limits, manual)
-        return lit_exposure, min(max(1.0 - lit_exposure.light / unlit_exposure.light, 0.0), 1.0)
+    if settings.auto_exposure_mode == "Normal":
+        return auto_exposure(lit if out1_high or settings.alternate_exposure else unlit, limits, manual), 0.0
+    exposure = memory.out1_high
+    if exposure is None or out1_high or settings.auto_exposure_mode == "AdaptiveOut1":
+        exposure = auto_exposure(lit, limits, manual)
     if settings.auto_exposure_mode == "Out1High":
-        if out1_high or memory.out1_high is None:
-            memory.out1_high = auto_exposure(lit, limits, manual)
-        return memory.out1_high, 0.0
-    return auto_exposure(lit if out1_high or settings.alternate_exposure else unlit, limits, manual), 0.0
+        memory.out1_high = exposure
+    return exposure, min(max(1.0 - exposure.light / auto_exposure(unlit, limits, manual).light, 0.0), 1.0)
 
 
 def _metered_region(values: NDArray[np.float32], settings: StreamSettings) -> NDArray[np.float32]:

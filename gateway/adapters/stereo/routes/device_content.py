@@ -6,8 +6,11 @@ import time
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any, Final
 
+import msgspec
+
 from gateway.adapters.stereo.device.parameter_specs import NODES
-from gateway.adapters.stereo.device.timestamps import NANOSECONDS_PER_SECOND
+from gateway.adapters.stereo.device.timestamps import NANOSECONDS_PER_SECOND, timestamp_text
+from gateway.adapters.stereo.imaging.depth_measurement import MeasureArguments
 from gateway.adapters.stereo.imaging.recorded_pairs import PairImaging
 from gateway.adapters.stereo.service import StereoService
 from gateway.adapters.stereo.stream.image_messages import INPUT_MASK, OUTPUT_MASK
@@ -24,8 +27,22 @@ SERVICES: Final[Mapping[str, Mapping[str, str]]] = {
         "get_io_values": "Values of the general purpose inputs and outputs",
         "reset_defaults": "Restores the default values of the parameters",
     },
+    "rc_measure": {"measure_depth": "Measures mean, minimum and maximum depth in a region and its cells"},
 }
 """Descriptions of services, by node and name."""
+
+COMPONENTS: Final = {"hand_eye_calibration": False, "rectification": True, "stereo": True}
+"""Modules of the license: those that there are."""
+_POINT: Final = dict.fromkeys("xyz", "float64")
+MEASURE_ARGUMENTS: Final[Mapping[str, Any]] = {
+    "cell_count": {"x": "uint32", "y": "uint32"},
+    "data_acquisition_mode": "string",
+    "pose_frame": "string",
+    "region_of_interest_2d": dict.fromkeys(("height", "offset_x", "offset_y", "width"), "uint32"),
+    "region_of_interest_2d_id": "string",
+    "robot_pose": {"orientation": {"w": "float64", **_POINT}, "position": _POINT},
+}
+"""Types of the arguments of ``measure_depth``, as the device describes them."""
 
 
 def node_info(node: str) -> dict[str, Any]:
@@ -35,18 +52,30 @@ def node_info(node: str) -> dict[str, Any]:
 
 def service_info(node: str, name: str) -> dict[str, Any]:
     """Return the device's description of a service."""
-    return {"name": name, "description": SERVICES[node][name], "args": {}, "response": {}}
+    arguments = MEASURE_ARGUMENTS if name == "measure_depth" else {}
+    return {"name": name, "description": SERVICES[node][name], "args": arguments, "response": {}}
 
 
 def node_status(service: StereoService, node: str) -> dict[str, Any]:
     """Return the device's NodeStatus. All values are strings."""
-    read_values = {"rc_camera": _camera_status, "rc_stereomatching": _matching_status, "rc_iocontrol": _io_status}[node]
+    read_values = {
+        "rc_camera": _camera_status,
+        "rc_stereomatching": _matching_status,
+        "rc_iocontrol": _io_status,
+        "rc_measure": _measure_status,
+    }[node]
     values = {name: _status_text(value) for name, value in read_values(service).items()}
-    return {"status": "running", "timestamp": time.time(), "values": values}
+    return {"status": "running", "timestamp": service.time, "values": values}
 
 
-def call_service(service: StereoService, node: str, name: str) -> dict[str, Any]:
-    """Call a service and return the device's response."""
+async def call_service(service: StereoService, node: str, name: str, arguments: dict[str, Any]) -> dict[str, Any]:
+    """Call a service and return the device's response.
+
+    Raises:
+        QueueFull: the worker queue is full.
+    """
+    if name == "measure_depth":
+        return {"name": name, "response": await _measure(service, arguments)}
     actions: dict[str, Callable[[], dict[str, Any]]] = {
         "reset_defaults": lambda: _reset(service, node),
         "acquisition_trigger": lambda: {"return_code": _return_code(*service.fire_trigger())},
@@ -59,13 +88,12 @@ def system_info(services: Sequence[StereoService]) -> dict[str, Any]:
     """Return the device's SysInfo. Values that exist only once are those of the first pipeline."""
     service = services[0]
     config = service.config
-    now = time.time()
     address = config.host if config.host not in ("0.0.0.0", "::") else "127.0.0.1"  # noqa: S104 - a comparison
     version = {"image_version": IMAGE_VERSION}
     return {
         "ready": service.ready,
-        "time": now,
-        "uptime": now - service.started,
+        "time": service.time,
+        "uptime": time.time() - service.started,
         "serial": config.serial,
         "hostname": config.hostname,
         "mac": "00:14:2d:00:00:00",
@@ -91,7 +119,13 @@ def system_info(services: Sequence[StereoService]) -> dict[str, Any]:
             },
             "subnet_mask": "255.0.0.0",
         },
-        "ntp": {"enabled": False, "manual_ntp_servers": [], "synchronized": False},
+        "ntp": {
+            "enabled": False,
+            "manual_ntp_servers": [],
+            "offset": 0.0,
+            "selected_ntp_servers": [],
+            "synchronized": False,
+        },
         "ntp_status": {"accuracy": "", "synchronized": False},
         "ptp_status": {"master_ip": "", "offset": 0.0, "offset_dev": 0.0, "offset_mean": 0.0, "state": "off"},
         "ui_lock": {"enabled": False},
@@ -158,8 +192,25 @@ def _io_status(service: StereoService) -> dict[str, object]:
     return {"out1": gpio & 1, "out2": gpio >> 1 & 1, "in1": 0, "in2": 0}
 
 
+def _measure_status(service: StereoService) -> dict[str, object]:
+    measured = service.measured
+    return {
+        "data_acquisition_time": measured.acquisition_seconds if measured is not None else 0.0,
+        "last_timestamp_processed": timestamp_text(measured.timestamp) if measured is not None else "0",
+        "processing_time": measured.processing_seconds if measured is not None else 0.0,
+    }
+
+
+async def _measure(service: StereoService, arguments: dict[str, Any]) -> dict[str, Any]:
+    try:
+        response = await service.measure_depth(msgspec.convert(arguments, MeasureArguments))
+    except ValueError as error:  # msgspec's, too
+        return {"return_code": _return_code(-1, str(error).replace("`$.", "`"))}
+    return {**response, "return_code": _return_code(0, "")}
+
+
 def _io_values(service: StereoService) -> dict[str, Any]:
-    sec, nsec = divmod(time.time_ns(), NANOSECONDS_PER_SECOND)
+    sec, nsec = divmod(round(service.time * NANOSECONDS_PER_SECOND), NANOSECONDS_PER_SECOND)
     return {
         "timestamp": {"sec": sec, "nsec": nsec},
         "values": service.settings.camera_gpio,

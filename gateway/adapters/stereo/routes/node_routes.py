@@ -141,9 +141,9 @@ def _add_service_routes(routes: APIRouter, base: str, service: StereoService) ->
         openapi_extra=schemas.CALL_BODY,
     )
     async def call(node: NodeName, name: ServiceName, request: Request) -> Any:
-        await _check_call(request)
-        result = device.call_service(service, *_find_service(node, name))
-        await _wait_until_stored(service)
+        arguments = await _read_arguments(request)
+        result = await device.call_service(service, *_find_service(node, name), arguments)
+        await wait_until_stored(service)
         return result
 
 
@@ -186,11 +186,12 @@ async def _set_parameters(service: StereoService, node: str, values: list[tuple[
         raise RestError(404, str(error)) from None
     except ParameterError as error:
         raise RestError(400, str(error)) from None
-    await _wait_until_stored(service)
+    await wait_until_stored(service)
     return _describe(service, node, names)
 
 
-async def _wait_until_stored(service: StereoService) -> None:
+async def wait_until_stored(service: StereoService) -> None:
+    """Wait until the parameters are stored; raises RestError."""
     problem = await service.wait_until_stored() if service.wait_until_stored is not None else ""
     if problem:
         raise RestError(507, f"the values are set, but could not be stored: {problem}")
@@ -205,7 +206,7 @@ async def _read_assignments(request: Request) -> list[tuple[str, object]]:
     body = await read_body(request, MAX_BODY)
     values: list[tuple[str, object]] = [(name, _query_value(text)) for name, text in request.query_params.multi_items()]
     if body:
-        entries: list[_Assignment] = _decode(list[_Assignment], body, '[{"name": "quality", "value": "High"}]')
+        entries: list[_Assignment] = decode(list[_Assignment], body, '[{"name": "quality", "value": "High"}]')
         values += [(entry.name, entry.value) for entry in entries]
     return values
 
@@ -219,18 +220,19 @@ async def _read_value(request: Request) -> object:
     body = await read_body(request, MAX_BODY)
     if not body and "value" in request.query_params:
         return _query_value(request.query_params["value"])
-    content: _ValueBody = _decode(_ValueBody, body, '{"value": 1.0}')
+    content: _ValueBody = decode(_ValueBody, body, '{"value": 1.0}')
     return content.value
 
 
-async def _check_call(request: Request) -> None:
-    """Check the body of a service call. Its arguments are ignored, because no service has any.
+async def _read_arguments(request: Request) -> dict[str, Any]:
+    """Return the arguments of a service call.
 
     Raises:
         RestError: the body is malformed or too large.
     """
-    if body := await read_body(request, MAX_BODY):
-        _decode(_CallBody, body, '{"args": {}}')
+    body = await read_body(request, MAX_BODY)
+    content: _CallBody = decode(_CallBody, body or b"{}", '{"args": {}}')
+    return content.args or {}
 
 
 def _query_value(text: str) -> object:
@@ -243,7 +245,7 @@ def _query_value(text: str) -> object:
         return text
 
 
-def _decode(content: Any, body: bytes, example: str) -> Any:
+def decode(content: Any, body: bytes, example: str) -> Any:
     """Return a body as an object of the type ``content``; raises RestError."""
     try:
         return msgspec.json.decode(body, type=content)

@@ -113,7 +113,7 @@ VALUE_BODY: Final = _body(
 CALL_BODY: Final = _body(
     {
         "type": "object",
-        "properties": {"args": {"type": ["object", "null"], "description": "None of the services has arguments."}},
+        "properties": {"args": {"type": ["object", "null"], "description": "Only `measure_depth` has arguments."}},
     },
     {"args": {}},
     "Arguments of the call.",

@@ -12,6 +12,7 @@ from fastapi.responses import JSONResponse, PlainTextResponse, Response
 
 from gateway.adapters.stereo.routes import device_content as device
 from gateway.adapters.stereo.routes.rest_common import error_response, error_responses, new_router
+from gateway.adapters.stereo.routes.setting_routes import UILock, add_setting_routes
 from gateway.adapters.stereo.service import StereoService
 from gateway.runtime.http.error_handlers import redirect
 from gateway.runtime.http.openapi import example, json_example
@@ -47,8 +48,10 @@ def system_router(*services: StereoService) -> APIRouter:
     """
     routes = new_router()
 
+    lock = UILock()
     for version in ("v1", "v2"):
         _add_common_routes(routes, f"/api/{version}", services)
+        add_setting_routes(routes, f"/api/{version}/system", services, lock)
 
     @routes.get("/api/swagger", include_in_schema=False)  # the address of the device's description
     async def swagger() -> Response:
@@ -136,12 +139,6 @@ def _add_common_routes(routes: APIRouter, base: str, services: Sequence[StereoSe
             return PlainTextResponse(_log_text(entries))
         newest = [_log_entry(entry) for entry in entries[-limit:]]
         return JSONResponse({**_log_info(entries, services[0].started), "log": newest})
-
-    @routes.get(
-        f"{base}/system/time", summary="System time in UTC", responses=json_example({"utc": "2026-01-31 12:00:00"})
-    )
-    async def system_time() -> Any:
-        return {"utc": time.strftime("%Y-%m-%d %H:%M:%S", time.gmtime())}
 
 
 def _log_info(entries: list[LogEntry], started: float) -> dict[str, Any]:

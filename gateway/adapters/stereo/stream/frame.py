@@ -29,7 +29,7 @@ from gateway.runtime.logs import tracing
 from gateway.runtime.workers.worker_pool import WorkerPool
 from renderers.drawlist import ImageError
 from renderers.stereo.depth.depth_images import DepthImages
-from renderers.stereo.depth.image_pair import ImagePair
+from renderers.stereo.depth.matching import ImagePair
 from renderers.stereo.depth.metric_depth import align_depth, millimetres_from_disparity
 from renderers.stereo.mesh.disparity_mesh import MeshOptions, disparity_mesh
 from renderers.stereo.model import Intrinsics

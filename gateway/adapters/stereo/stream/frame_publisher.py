@@ -14,7 +14,7 @@ import structlog
 from gateway.adapters.stereo.device.camera_config import StereoConfig
 from gateway.adapters.stereo.device.timestamps import NANOSECONDS_PER_SECOND
 from gateway.adapters.stereo.imaging.rendered_images import MeteredExposure
-from gateway.adapters.stereo.stream.client_queues import MessageHub
+from gateway.adapters.stereo.stream.event_queues import EventHub
 from gateway.adapters.stereo.stream.faults import FaultInjector
 from gateway.adapters.stereo.stream.frame import FrameImages
 from gateway.adapters.stereo.stream.image_messages import depth_acquisition_done
@@ -70,7 +70,7 @@ class FramePublisher:
     """Makes each kind of image set of a frame once, and publishes it to all clients."""
 
     def __init__(
-        self, hub: ImageSetHub, events: MessageHub, injector: FaultInjector | None, config: StereoConfig
+        self, hub: ImageSetHub, events: EventHub, injector: FaultInjector | None, config: StereoConfig
     ) -> None:
         """
         Args:
@@ -82,6 +82,8 @@ class FramePublisher:
         self.counts = FrameCounts()
         self.last_metered: MeteredExposure | None = None
         """Exposure of the newest left image."""
+        self.clock_offset = 0
+        """Nanoseconds by which timestamps are ahead of the computer's clock: the device's time can be set."""
         self.hub = hub
         self._injector = injector
         self._event_clients = events
@@ -99,6 +101,7 @@ class FramePublisher:
 
     def sent_timestamp(self, timestamp: int) -> int:
         """Return the timestamp that clients get for a true one, nanoseconds; an injected fault may falsify it."""
+        timestamp += self.clock_offset
         return timestamp if self._injector is None else self._injector.timestamp(timestamp)
 
     async def publish_sets(self, frame: FrameImages, kinds: Collection[SetKind]) -> None:
@@ -125,8 +128,8 @@ class FramePublisher:
         duration = round((settings.averaged_images - 1) / settings.camera_rate * NANOSECONDS_PER_SECOND)
         if self._config.rate == "device":
             await asyncio.sleep(duration / NANOSECONDS_PER_SECOND)
-        if self._event_clients.has_clients.is_set():
-            done = timestamp + duration if self._config.simulated_clock else time.time_ns()
+        if len(self._event_clients):
+            done = timestamp + duration if self._config.simulated_clock else time.time_ns() + self.clock_offset
             self._event_clients.put(depth_acquisition_done(timestamp, done))
         await self.publish_sets(frame, kinds)
 

@@ -14,7 +14,7 @@ from grpc_health.v1 import health, health_pb2, health_pb2_grpc
 from grpc_reflection.v1alpha import reflection
 
 from gateway.adapters.stereo.device.camera_config import StereoConfig, Tls
-from gateway.adapters.stereo.stream.client_queues import MessageHub
+from gateway.adapters.stereo.stream.event_queues import EventHub
 from gateway.adapters.stereo.stream.faults import CUT_REASON, FaultInjector
 from gateway.adapters.stereo.stream.reflection import ReflectionPool
 from gateway.adapters.stereo.stream.set_kind import ImageRequestError, read_set_kind
@@ -87,7 +87,7 @@ class StreamServicer:
     """Methods ``StreamImageSets`` and ``StreamImageEvents``."""
 
     def __init__(
-        self, hub: ImageSetHub, events: MessageHub, injector: FaultInjector | None, config: StereoConfig
+        self, hub: ImageSetHub, events: EventHub, injector: FaultInjector | None, config: StereoConfig
     ) -> None:
         self._hub = hub
         self._events = events
@@ -121,7 +121,7 @@ class StreamServicer:
             # Send headers first: a client may wait for them before it triggers a depth image.
             await context.send_initial_metadata(())
             while True:
-                for event in (await queue.get())[1]:
+                for event in await queue.get():
                     if request.depth_acquisition_done_enabled:
                         await context.write(event)
 
@@ -158,7 +158,7 @@ def _log_stream(peer: str, kind: str, set_bytes: int) -> None:
 
 @asynccontextmanager
 async def serving(
-    hub: ImageSetHub, events: MessageHub, injector: FaultInjector | None, config: StereoConfig
+    hub: ImageSetHub, events: EventHub, injector: FaultInjector | None, config: StereoConfig
 ) -> AsyncIterator[int]:
     """Serve while the block runs, and yield the port. The arguments are those of ``FramePublisher``.
 

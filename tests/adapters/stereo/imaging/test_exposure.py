@@ -58,7 +58,9 @@ def test_normal_mode_meters_every_image_except_in_alternate_exposure() -> None:
 
 def test_out1_high_mode_keeps_the_exposure_while_out1_is_low() -> None:
     mode, memory = settings(exp_auto_mode="Out1High"), ExposureMemory()
-    high, _ = choose_exposure(scene(0.1), scene(0.25), out1_high=True, settings=mode, memory=memory)
+    high, reduction = choose_exposure(scene(0.1), scene(0.25), out1_high=True, settings=mode, memory=memory)
+    assert high.light == pytest.approx(auto_exposure(scene(0.1), AutoExposure()).light * (1 - reduction), rel=1e-6)
+    assert 0 < reduction < 1
     # It has become brighter since.
     assert choose_exposure(scene(0.2), scene(0.3), out1_high=False, settings=mode, memory=memory)[0] == high
     assert choose_exposure(scene(0.2), scene(0.3), out1_high=True, settings=mode, memory=memory)[0] != high

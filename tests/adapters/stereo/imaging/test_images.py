@@ -17,8 +17,7 @@ from gateway.adapters.stereo.imaging.scene_view import Capture, OtherProjector, 
 from renderers.drawlist import AlphaMode, DrawList, Image, Instance, Material, Mesh, Texture
 from renderers.raster import CpuRenderer
 from renderers.stereo.depth.depth_images import DepthRange, true_disparity
-from renderers.stereo.depth.image_pair import fine_means
-from renderers.stereo.depth.matching import match_pair
+from renderers.stereo.depth.matching import fine_means, match_pair
 from renderers.stereo.light.projector import FULL_LIGHT, projected_dots, returned_shares
 from renderers.stereo.model import Quality
 from renderers.stereo.sensor.camera_image import NoiseStream, SceneLight, frame_key

@@ -14,7 +14,7 @@ from gateway.adapters.stereo.device.parameters import Parameters
 from gateway.adapters.stereo.device.stream_settings import StreamSettings, read_settings
 from gateway.adapters.stereo.imaging.matched_depth import matched_depth
 from renderers.stereo.depth.depth_images import DepthImages
-from renderers.stereo.depth.image_pair import ImagePair
+from renderers.stereo.depth.matching import ImagePair
 from renderers.stereo.model import StereoModel
 from renderers.stereo.sensor.camera_image import SensorImage
 from renderers.stereo.sensor.exposure import Exposure

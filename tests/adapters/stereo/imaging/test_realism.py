@@ -22,7 +22,7 @@ from gateway.scene.tree.live import LiveTree
 from renderers.interface import Output
 from renderers.raster import CpuRenderer
 from renderers.stereo.depth.depth_images import DepthRange, true_disparity
-from renderers.stereo.depth.image_pair import ImagePair
+from renderers.stereo.depth.matching import ImagePair
 from renderers.stereo.model import Quality
 from renderers.stereo.realism import REALISM_PARTS, RealismPart
 from renderers.stereo.sensor.camera_image import NoiseStream

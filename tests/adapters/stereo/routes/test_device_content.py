@@ -104,7 +104,7 @@ async def test_rates_are_those_of_subscribed_images(
 async def test_outputs(start: Start, out1: str, out2: str, bits: int) -> None:
     camera = await start()
     camera.service.parameters.set("rc_iocontrol", [("out1_mode", out1), ("out2_mode", out2)])
-    response = device.call_service(camera.service, "rc_iocontrol", "get_io_values")["response"]
+    response = (await device.call_service(camera.service, "rc_iocontrol", "get_io_values", {}))["response"]
     stamp = response.pop("timestamp")
     assert abs(stamp["sec"] + 1e-9 * stamp["nsec"] - time.time()) < 1000.0
     assert 0 <= stamp["nsec"] < 10**9
@@ -127,7 +127,7 @@ async def test_outputs(start: Start, out1: str, out2: str, bits: int) -> None:
 async def test_a_reset_reports_success(start: Start) -> None:
     camera = await start()
     camera.service.parameters.set("rc_camera", [("fps", 5.0)])
-    response = device.call_service(camera.service, "rc_camera", "reset_defaults")
+    response = await device.call_service(camera.service, "rc_camera", "reset_defaults", {})
     assert response == {"name": "reset_defaults", "response": {"return_code": {"value": 0, "message": ""}}}
     assert camera.service.parameters.values("rc_camera")["fps"] == 25.0
 

@@ -61,7 +61,7 @@ async def rest_client(camera: Camera) -> AsyncIterator[httpx.AsyncClient]:
 
 async def test_nodes_and_their_parameters(rest_client: httpx.AsyncClient) -> None:
     nodes = (await rest_client.get(V2)).json()
-    assert [n["name"] for n in nodes] == ["rc_camera", "rc_stereomatching", "rc_iocontrol"]
+    assert [n["name"] for n in nodes] == ["rc_camera", "rc_stereomatching", "rc_iocontrol", "rc_measure"]
     assert all(n["status"] == "running" for n in nodes)
     assert "acquisition_trigger" in nodes[1]["services"]
     quality = (await rest_client.get(f"{V2}/rc_stereomatching/parameters", params={"name": "quality"})).json()
@@ -181,6 +181,7 @@ async def test_status_values_are_strings(rest_client: httpx.AsyncClient, camera:
         ("rc_camera", {"focal", "baseline", "exp", "gain", "brightness", "fps", "width", "height"}),
         ("rc_stereomatching", {"time_matching", "latency", "fps", "mindepth", "width", "reduced_depth_range"}),
         ("rc_iocontrol", {"out1", "out2"}),
+        ("rc_measure", {"data_acquisition_time", "last_timestamp_processed", "processing_time"}),
     ):
         status = (await rest_client.get(f"{V2}/{node}/status")).json()
         assert status["status"] == "running"

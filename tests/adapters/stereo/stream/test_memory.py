@@ -22,7 +22,7 @@ from scenegate.camera import image_interface_pb2 as pb
 from gateway.runtime.logs import log_setup
 from gateway.runtime.workers import process_tuning
 from gateway.adapters.stereo.device.camera_config import StereoConfig
-from gateway.adapters.stereo.stream.client_queues import MessageHub
+from gateway.adapters.stereo.stream.event_queues import EventHub
 from gateway.adapters.stereo.stream.grpc_server import serving
 from gateway.adapters.stereo.stream.subscriptions import ImageSetHub, MailboxState
 
@@ -40,7 +40,7 @@ async def main():
     log_setup.configure("json", "error")
     process_tuning.tune()
     hub = ImageSetHub(64, 16)
-    async with serving(hub, MessageHub("event", 64, 64), None, StereoConfig(port=0)) as port:
+    async with serving(hub, EventHub(64, 64), None, StereoConfig(port=0)) as port:
         publishing = asyncio.create_task(publish(hub))
         print(port, flush=True)
         loop = asyncio.get_running_loop()

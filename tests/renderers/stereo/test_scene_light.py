@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from renderers.camera import Camera
-from renderers.stereo.light.key_light import FACTOR_ONE, light_factors
+from renderers.stereo.light.scene_light import FACTOR_ONE, light_factors
 
 KEY_LIGHT = 0.8
 OTHER_LIGHT = np.full((48, 64), 0.5, np.float32)
