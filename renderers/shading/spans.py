@@ -137,12 +137,12 @@ def _append_spans(segment: Segment, x: I64, bits: I64, count: I64) -> None:
 
     Eight at a time, since a branch per span would be unpredictable; those beyond the last are overwritten later.
     """
-    ids = advance(segment.row_ids, vec.LANES)
+    ids, starts, span_ids = advance(segment.row_ids, vec.LANES), segment.starts, segment.ids
     for first in range(count, count + vec.count_bits(bits), vec.LANES):
-        for k in range(vec.LANES):
-            segment.starts[first + k] = x + vec.lowest_bit(bits | _HIGHEST_BIT)
+        for k in range(first, first + vec.LANES):
+            start = x + vec.lowest_bit(bits | _HIGHEST_BIT)
+            starts[k], span_ids[k] = start, ids[start]
             bits &= bits - 1
-        vec.store(segment.ids, first, vec.gather(ids, vec.load(segment.starts, first)))
 
 
 @inlined
