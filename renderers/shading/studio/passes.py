@@ -112,7 +112,8 @@ def paint(
             return
         part = color[rows, columns]
         cameras = tuple(_window_camera(each, rows, columns) for each in cameras)
-        visible = rasterizer.visibility(scene, cameras[0], select=opaque, cull_back=cull_back)
+        ids, inv_z = (np.ascontiguousarray(each[rows, columns]) for each in (visible.ids, visible.inv_z))
+        visible = replace(visible, ids=ids, inv_z=inv_z)
     mean = _peeled_mean(rasterizer, scene, shading, lighting, cameras, opaque, visible, covered)
     blended = np.empty(part.shape, np.uint8)
     output["color"] = address_of(blended, np.uint8)
