@@ -31,8 +31,7 @@ def address_of(array: NDArray[Any] | None, dtype: type[np.generic] | np.dtype[An
         return 0
     if array.dtype != dtype or not array.flags.c_contiguous:
         raise TypeError(f"an array of {array.dtype}, {array.shape} must be C-contiguous {np.dtype(dtype)}")
-    address: int = array.__array_interface__["data"][0]  # three times as fast as array.ctypes.data
-    return address
+    return array.ctypes.data
 
 
 def aligned(shape: tuple[int, ...], dtype: DTypeLike) -> tuple[NDArray[Any], int]:

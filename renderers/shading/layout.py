@@ -206,6 +206,7 @@ class Segment(Struct):
     has_constant_normals: I64  # 1: the normal is constant along each of its spans
     # Set by spans.next_segment.
     first_id: I64  # primitive id of the instance's first primitive
+    end_id: I64  # after that of its last one
     instance: ShadingInstance
     material: ShadingMaterial
     matrices: InstanceMatrices

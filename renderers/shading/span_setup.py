@@ -21,12 +21,10 @@ from renderers.compiler import simd as vec
 from renderers.compiler.device_function import device_function, inlined
 from renderers.compiler.jit import kernel
 from renderers.compiler.kernel_calls import call_kernel
-from renderers.compiler.kernel_types import F32, I64, Address, Pointer, i64
+from renderers.compiler.kernel_types import F32, I64, U32, Address, Pointer, i64
 from renderers.compiler.pointers import address, advance, i32_at
-from renderers.compiler.simd import F32x8, F32x8x3, F32x8x4, F32x8x8, F64x8, F64x8x3, I32x8, I32x8x3
-from renderers.drawlist import Topology
+from renderers.compiler.simd import F32x8, F32x8x3, F32x8x4, F32x8x8, F64x8, F64x8x3, I32x8
 from renderers.shading.layout import (
-    E_COLUMNS,
     E_TANGENT,
     E_UV1,
     HAS_COLORS,
@@ -44,10 +42,11 @@ from renderers.shading.layout import (
 from renderers.shading.span_weights import TRIANGLES, Weights, rays_of, scaled_weights, weight_matrix
 from renderers.shading.vec3 import cross, dot, minus, times, to_f32x3, transform_directions, transform_points
 
-_LINES: Final = int(Topology.LINES)
 _E_BITANGENT_SIGN: Final = E_TANGENT + 3
 _COLOR_COLUMNS: Final = 4
 _ALL_LANES: Final = (1 << vec.LANES) - 1
+_MIN_PREFETCHED: Final = 1 << 16
+"""Number of primitives of an instance from which vertices are prefetched: two megabytes of them."""
 Columns = TypeVar("Columns", F32x8x4, F32x8x8)
 """Colours, or V_COLUMNS or E_COLUMNS values, of one vertex of each of eight primitives."""
 
@@ -58,6 +57,15 @@ class Corners(NamedTuple, Generic[Columns]):
     a: Columns
     b: Columns
     c: Columns
+
+
+class CornerIndices(NamedTuple):
+    """Indices of the three vertices of eight primitives: at ``positions`` behind each of three pointers."""
+
+    a: Pointer[U32]
+    b: Pointer[U32]
+    c: Pointer[U32]
+    positions: I32x8
 
 
 class Halves(NamedTuple):
@@ -85,7 +93,7 @@ def set_up_spans(segment: Segment, span: I64, part_end_span: I64, end_span: I64)
 def set_up_part(segment_address: Address, span: I64, part_end_span: I64, end_span: I64) -> None:
     """``set_up_spans``, compiled once for all looks. Its result is in the segment's ``has_constant_normals``."""
     segment, has_constant_normals = Segment(segment_address), True
-    prefetches = segment.instance.topology == TRIANGLES and end_span - span > 4 * vec.LANES
+    prefetches = segment.instance.topology == TRIANGLES and segment.end_id - segment.first_id > _MIN_PREFETCHED
     for first in range(span, part_end_span, vec.LANES):
         if prefetches:
             _prefetch(segment, first, end_span)
@@ -98,7 +106,7 @@ def set_up_part(segment_address: Address, span: I64, part_end_span: I64, end_spa
 def _prefetch(segment: Segment, span: I64, end_span: I64) -> None:
     """Prefetch vertices of the spans two batches ahead, and indices of those four batches ahead.
 
-    Meshes of a million triangles do not fit the cache: without this, frames take a fifth longer.
+    Meshes of a million triangles do not fit the second-level cache: without this, frames take a fifth longer.
     """
     primitive_ids, first_id = segment.ids, segment.first_id
     indices, vertices = segment.instance.indices, segment.instance.vertices
@@ -127,8 +135,8 @@ def _set_up_eight(segment: Segment, span: I64, count: I64, at: I64) -> bool:
         first_column = vec.gather(i32_at(segment.columns), first_column)
 
     # Vertices, in the optical frame.
-    indices = _vertex_indices(segment, primitive_id - vec.i32(segment.first_id))
-    corners = _load_eight_columns(segment.instance.vertices, indices, V_COLUMNS)
+    corner_indices = _corner_indices(segment, primitive_id)
+    corners = _load_eight_columns(segment.instance.vertices, corner_indices)
     p0 = transform_points(segment.X_camera_mesh, corners.a)
     p1 = transform_points(segment.X_camera_mesh, corners.b)
     p2 = transform_points(segment.X_camera_mesh, corners.c)
@@ -157,45 +165,39 @@ def _set_up_eight(segment: Segment, span: I64, count: I64, at: I64) -> bool:
     if material.has_gradients != 0:
         _store_gradients(segment, at, weights, corners)
     if attributes & HAS_COLORS:
-        colors = _load_colors(segment.instance.colors, indices)
+        colors = _load_colors(segment.instance.colors, corner_indices)
         _store_attributes(advance(spans.color, at), _COLOR_COLUMNS, along_span, colors, 0)
     if attributes & (HAS_UV1 | HAS_TANGENTS):
-        _store_extras(segment, at, weights, _load_eight_columns(segment.instance.extras, indices, E_COLUMNS))
+        _store_extras(segment, at, weights, _load_eight_columns(segment.instance.extras, corner_indices))
     return has_constant_normals
 
 
 @inlined
-def _vertex_indices(segment: Segment, mesh_index: I32x8) -> I32x8x3:
-    """Return the indices of the three vertices of eight primitives. Lines and points repeat the last one."""
-    indices = segment.instance.indices
-    if segment.instance.topology == TRIANGLES:
-        return vec.load_elements(indices, mesh_index * vec.i32(3))
-    if segment.instance.topology == _LINES:
-        second = vec.gather(indices, mesh_index + mesh_index + vec.i32(1))
-        return vec.gather(indices, mesh_index + mesh_index), second, second
-    only = vec.gather(indices, mesh_index)
-    return only, only, only
+def _corner_indices(segment: Segment, primitive_id: I32x8) -> CornerIndices:
+    """Return where the vertices of eight primitives are. Lines and points repeat the last one."""
+    indices, topology = segment.instance.indices, segment.instance.topology
+    b, c = advance(indices, min(topology, 2) - 1), advance(indices, topology - 1)
+    return CornerIndices(indices, b, c, (primitive_id - vec.i32(segment.first_id)) * vec.i32(topology))
 
 
 @inlined
-def _load_eight_columns(table: Pointer[F32], indices: I32x8x3, column_count: I64) -> Corners[F32x8x8]:
+def _load_eight_columns(table: Pointer[F32], corner_indices: CornerIndices) -> Corners[F32x8x8]:
     """Return the vertices' values in a table of eight columns."""
-    columns = vec.i32(column_count)
+    a, b, c, positions = corner_indices
     return Corners(
-        vec.load_octets(table, indices[0] * columns),
-        vec.load_octets(table, indices[1] * columns),
-        vec.load_octets(table, indices[2] * columns),
+        vec.load_rows(table, a, positions), vec.load_rows(table, b, positions), vec.load_rows(table, c, positions)
     )
 
 
 @inlined
-def _load_colors(colors: Pointer[F32], indices: I32x8x3) -> Corners[F32x8x4]:
+def _load_colors(colors: Pointer[F32], corner_indices: CornerIndices) -> Corners[F32x8x4]:
     """Return the vertices' colours."""
+    a, b, c, positions = corner_indices
     columns = vec.i32(_COLOR_COLUMNS)
     return Corners(
-        vec.load_quads(colors, indices[0] * columns),
-        vec.load_quads(colors, indices[1] * columns),
-        vec.load_quads(colors, indices[2] * columns),
+        vec.load_quads(colors, vec.gather(a, positions) * columns),
+        vec.load_quads(colors, vec.gather(b, positions) * columns),
+        vec.load_quads(colors, vec.gather(c, positions) * columns),
     )
 
 

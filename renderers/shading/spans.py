@@ -137,12 +137,12 @@ def _append_spans(segment: Segment, x: I64, bits: I64, count: I64) -> None:
 
     Eight at a time, since a branch per span would be unpredictable; those beyond the last are overwritten later.
     """
-    ids = advance(segment.row_ids, vec.LANES)
+    ids, starts, span_ids = advance(segment.row_ids, vec.LANES), segment.starts, segment.ids
     for first in range(count, count + vec.count_bits(bits), vec.LANES):
-        for k in range(vec.LANES):
-            segment.starts[first + k] = x + vec.lowest_bit(bits | _HIGHEST_BIT)
+        for k in range(first, first + vec.LANES):
+            start = x + vec.lowest_bit(bits | _HIGHEST_BIT)
+            starts[k], span_ids[k] = start, ids[start]
             bits &= bits - 1
-        vec.store(segment.ids, first, vec.gather(ids, vec.load(segment.starts, first)))
 
 
 @inlined
@@ -180,8 +180,8 @@ def next_segment(segment: Segment, span: I64, span_count: I64, instance: I64) ->
     is_background = primitive_id < 0
     if not is_background:
         instance = instance_of(job.first_ids, job.instance_count, primitive_id, instance)
-        first_id, end_id = job.first_ids[instance], job.first_ids[instance + 1]
         _select_instance(segment, instance)
+        first_id, end_id = segment.first_id, segment.end_id
     for first in range(span, span_count, vec.LANES):
         ids = vec.load(span_ids, first)
         outside = vec.movemask((ids < vec.i32(first_id)) | (ids >= vec.i32(end_id)))
@@ -196,7 +196,7 @@ def _select_instance(segment: Segment, index: I64) -> None:
     job = segment.job
     instance = job.instances[index]
     material = job.materials[instance.material]
-    segment.first_id = job.first_ids[index]
+    segment.first_id, segment.end_id = job.first_ids[index], job.first_ids[index + 1]
     segment.instance, segment.material = instance, material
     segment.matrices = job.matrices[index]
     segment.X_camera_mesh = advance(job.X_camera_mesh, 16 * index)

@@ -105,21 +105,32 @@ def _octet_columns(builder: Any, pointer: Any, offsets: list[Any]) -> list[Any]:
     return _columns_of_octets(builder, rows)
 
 
-def _triple_columns(builder: Any, pointer: Any, offsets: list[Any]) -> list[Any]:
-    columns = [ir.Constant(i32x8.llvm, ir.Undefined)] * 3
-    for lane, offset in enumerate(offsets):
-        for k in range(3):
-            value = builder.load(builder.gep(pointer, [builder.add(offset, ir.Constant(I64, k))]))
-            columns[k] = builder.insert_element(columns[k], value, ir.Constant(I32, lane))
-    return columns
-
-
 load_quads = _loader(f32x8, 4, _quad_columns)
 """``load_quads(pointer, offsets)``: four f32x8, the float32 at each offset (an i32x8) and the three after it."""
 load_octets = _loader(f32x8, LANES, _octet_columns)
 """``load_octets(pointer, offsets)``: eight f32x8, the float32 at each offset (an i32x8) and the seven after it."""
-load_elements = _loader(i32x8, 3, _triple_columns)
-"""``load_elements(pointer, offsets)``: three i32x8, the (u)int32 at each offset (an i32x8) and the two after it."""
+
+
+@intrinsic
+def load_rows(typing_context: Any, table: Any, indices: Any, positions: Any) -> Any:
+    """Return eight f32x8: the rows of a table whose indices are at eight positions.
+
+    Args:
+        table: pointer to (N, 8) float32.
+        indices: pointer to uint32.
+        positions: i32x8.
+    """
+    result: Any = types.UniTuple(f32x8, LANES)
+
+    def generate(context: Any, builder: Any, sig: Any, args: Any) -> Any:
+        table, indices, positions = args
+        offsets = []
+        for lane in range(LANES):
+            index = builder.load(builder.gep(indices, [offset_of(builder, positions, lane)]))
+            offsets.append(builder.mul(builder.zext(index, I64), ir.Constant(I64, LANES)))
+        return context.make_tuple(builder, result, _octet_columns(builder, table, offsets))
+
+    return result(table, indices, positions), generate
 
 
 @intrinsic

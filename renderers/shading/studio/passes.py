@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import TYPE_CHECKING, Any
@@ -14,6 +14,7 @@ from renderers.camera import Camera
 from renderers.color import linear_from_srgb
 from renderers.compiler.kernel_calls import kernel_address
 from renderers.compiler.pointers import address_of
+from renderers.compiler.simd import LANES
 from renderers.drawlist import DrawList, Light
 from renderers.light_rig import MAX_LIGHTS, MAX_SHADOWS, Rig
 from renderers.msaa import sample_cameras
@@ -100,7 +101,7 @@ def paint(
         make_shader = partial(_sampled_shader, shading, lighting, camera, output_address)
         rasterizer.shade_samples(scene, camera, samples, make_shader, select=opaque, cull_back=cull_back)
     elif opaque is None and visible is not None:
-        _shade_layer(rasterizer, shading, lighting, visible, camera, ADD, 0, output_address)
+        _layer_shader(rasterizer, shading, lighting, visible, camera, ADD, 0, output_address)(visible.ids)
     if opaque is None:
         return
     assert visible is not None  # rendered above: the scene is peeled
@@ -111,7 +112,8 @@ def paint(
             return
         part = color[rows, columns]
         cameras = tuple(_window_camera(each, rows, columns) for each in cameras)
-        visible = rasterizer.visibility(scene, cameras[0], select=opaque, cull_back=cull_back)
+        ids, inv_z = (np.ascontiguousarray(each[rows, columns]) for each in (visible.ids, visible.inv_z))
+        visible = replace(visible, ids=ids, inv_z=inv_z)
     mean = _peeled_mean(rasterizer, scene, shading, lighting, cameras, opaque, visible, covered)
     blended = np.empty(part.shape, np.uint8)
     output["color"] = address_of(blended, np.uint8)
@@ -125,16 +127,18 @@ def _covered_pixels(
 ) -> tuple[slice, slice, NDArray[np.bool_]]:
     """Return rows and columns of the pixels in which transparent surfaces cover a sample, and a mask of them there.
 
-    Surfaces that are hidden count as well.
+    Surfaces that are hidden count as well. If the image permits, the columns are whole vectors: layers of other widths
+    are copied.
     """
     covered = np.zeros((cameras[0].height, cameras[0].width), np.bool_)
     for camera in cameras:
         layer = rasterizer.visibility(scene, camera, select=shading.transparent, cull_back=shading.cull_back)
         covered |= layer.ids >= 0
-    rows, columns = (
-        slice(int(used[0]), int(used[-1]) + 1) if len(used) else slice(0)
-        for used in (np.flatnonzero(covered.any(axis=axis)) for axis in (1, 0))
-    )
+    used_rows, used_columns = np.flatnonzero(covered.any(axis=1)), np.flatnonzero(covered.any(axis=0))
+    if not len(used_rows):
+        return slice(0), slice(0), covered[:0, :0]
+    rows = slice(int(used_rows[0]), int(used_rows[-1]) + 1)
+    columns = slice(int(used_columns[0]) & -LANES, min((int(used_columns[-1]) | LANES - 1) + 1, cameras[0].width))
     return rows, columns, covered[rows, columns]
 
 
@@ -173,17 +177,18 @@ def _peeled_mean(
         target, view = address_of(accumulated, np.float32), first_view
         if camera is not cameras[0]:
             view = rasterizer.visibility(scene, camera, select=opaque, cull_back=shading.cull_back)
+        shade = _layer_shader(rasterizer, shading, lighting, view, camera, BENEATH, target, 0)
         for layer in peeled(rasterizer, scene, camera, shading.transparent, shading.cull_back, view):
-            _shade_layer(rasterizer, shading, lighting, layer, camera, BENEATH, target, 0)
+            shade(layer.ids)
             layer.ids[accumulated[:, 3, :width] >= 1.0] = -1  # surfaces behind are invisible
         view.ids[~covered] = -1
-        _shade_layer(rasterizer, shading, lighting, view, camera, BENEATH, target, 0)
+        shade(view.ids)
         if accumulated is not mean:
             mean += accumulated * np.float32(1.0 / len(cameras))
     return mean
 
 
-def _shade_layer(
+def _layer_shader(
     rasterizer: Rasterizer,
     shading: ShadingScene,
     lighting: _Lighting,
@@ -192,10 +197,11 @@ def _shade_layer(
     mode: int,
     target: int,
     output: int,
-) -> None:
-    """Shade a layer; see ``shade_rows``.
+) -> Callable[[NDArray[np.int32]], None]:
+    """Return a function that shades layers of a view, given their ids; see ``shade_rows``.
 
     Args:
+        layer: one of them.
         mode: as in ``shade_rows``.
         target: address of the accumulated rows; 0: none.
         output: address of an StudioOutput; 0: none.
@@ -203,12 +209,15 @@ def _shade_layer(
     job, keep = _job(shading, lighting, layer.X_camera_mesh, layer.first_ids, camera)
     job_address, width = address_of(job, layout.StudioInputs.dtype), camera.width
 
-    def shade(begin: int, end: int) -> None:
-        ids = address_of(layer.ids[begin:], np.int32)
-        shade_rows(mode, job_address, ids, 0, width, width, begin, end, target, output)
+    def shade(ids: NDArray[np.int32]) -> None:
+        def shade_band(begin: int, end: int) -> None:
+            ids_address = address_of(ids[begin:], np.int32)
+            shade_rows(mode, job_address, ids_address, 0, width, width, begin, end, target, output)
 
-    for_bands(rasterizer, camera.height, shade)
-    del keep  # the addresses in the job were valid until here
+        for_bands(rasterizer, camera.height, shade_band)
+        _ = keep  # the addresses in the job are valid as long as this function is
+
+    return shade
 
 
 def _solid_pixels(
@@ -217,7 +226,7 @@ def _solid_pixels(
     """Return a mask of the pixels where a layer is not cut out, (H, W)."""
     alpha = np.zeros((camera.height, layout.channel_values(camera.width)), np.float32)
     target = address_of(alpha, np.float32)
-    _shade_layer(rasterizer, shading, _no_lighting(), layer, camera, WRITE_ALPHA, target, 0)
+    _layer_shader(rasterizer, shading, _no_lighting(), layer, camera, WRITE_ALPHA, target, 0)(layer.ids)
     solid: NDArray[np.bool_] = alpha[:, : camera.width] > 0.0
     return solid
 

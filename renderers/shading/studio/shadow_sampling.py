@@ -9,6 +9,7 @@ import numpy as np
 from renderers.compiler import simd as vec
 from renderers.compiler.device_function import inlined
 from renderers.compiler.kernel_types import F32, F64, I64, Pointer
+from renderers.compiler.pointers import advance
 from renderers.compiler.simd import F32x8, F32x8x3, F64x8, I32x8, Mask8
 from renderers.shading.studio.layout import StudioShadowMap
 
@@ -69,14 +70,14 @@ def _filtered(
         fu, fv: position of the point between texels, 0 .. 1.
     """
     width = 2 * radius + 2
-    zero, one, texels_per_row, bias = vec.f32(0.0), vec.f32(1.0), vec.i32(side), vec.f32(DEPTH_BIAS)
+    zero, one, bias = vec.f32(0.0), vec.f32(1.0), vec.f32(DEPTH_BIAS)
     plane, plane_du, plane_dv = plane * bias, plane_du * bias, plane_dv * bias
     total = zero
     for row in range(width):
         row_plane = plane + plane_dv * vec.f32(row)
         row_sum = zero
         for c in range(0, width, vec.LANES):
-            t = vec.load_octets(inv_z, first_texel + vec.i32(c))
+            t = vec.load_octets(advance(inv_z, row * side + c), first_texel)
             row_sum = _add_column(row_sum, t[0], c, width, row_plane, plane_du, fu)
             row_sum = _add_column(row_sum, t[1], c + 1, width, row_plane, plane_du, fu)
             row_sum = _add_column(row_sum, t[2], c + 2, width, row_plane, plane_du, fu)
@@ -91,7 +92,6 @@ def _filtered(
         elif row == width - 1:
             weight = fv
         total = total + weight * row_sum
-        first_texel = first_texel + texels_per_row
     return total / vec.f32((2 * radius + 1) * (2 * radius + 1))
 
 

@@ -210,36 +210,35 @@ def test_vectors_give_the_bits_of_scalars(name: str, width: int) -> None:
 
 
 @njit
-def _moves(values, whole, offsets, out, number, picture):
+def _moves(values, whole, offsets, lanes, out, number, picture):
     o, n = f32_at(out), i32_at(number)
-    at = vec.load(i32_at(offsets), 0)
+    at, lane = vec.load(i32_at(offsets), 0), vec.load(i32_at(lanes), 0)
     vec.store(o, 24, vec.f32(vec.lane(vec.load(f32_at(values), 0), 3)))
     vec.store(o, 32, vec.sqrt(vec.absolute(vec.load(f32_at(values), 0))))
-    for k, part in enumerate(vec.load_elements(i32_at(whole), at)):
-        vec.store(n, 8 * k, part)
-    vec.store(n, 40, vec.float_bits(vec.load(f32_at(values), 0)))
+    vec.store(n, 0, vec.float_bits(vec.load(f32_at(values), 0)))
     vec.store_rgb(u8_at(picture), 1, vec.load(i32_at(whole), 0))
     for k, part in enumerate(vec.load_quads(f32_at(values), at)):
         vec.store(o, 40 + 8 * k, part)
     for k, part in enumerate(vec.load_octets(f32_at(values), at)):
         vec.store(o, 72 + 8 * k, part)
+    for k, part in enumerate(vec.load_rows(f32_at(values), u32_at(offsets), lane)):
+        vec.store(o, 136 + 8 * k, part)
 
 
 def test_loads_and_stores() -> None:
     rng = np.random.default_rng(1)
-    values = rng.normal(size=40).astype(np.float32)
+    values = rng.normal(size=240).astype(np.float32)  # thirty rows of eight
     whole = rng.integers(0, 1 << 31, 40).astype(np.int32)
-    offsets = rng.permutation(30)[:8].astype(np.int32)
-    out, number, picture = np.zeros(136, np.float32), np.zeros(48, np.int32), np.full(72, 7, np.uint8)
-    _moves(*(a.ctypes.data for a in (values, whole, offsets, out, number, picture)))
-    each = offsets[None] + np.arange(3)[:, None]
+    offsets, lanes = rng.permutation(30)[:8].astype(np.int32), rng.integers(0, 8, 8).astype(np.int32)
+    out, number, picture = np.zeros(200, np.float32), np.zeros(8, np.int32), np.full(72, 7, np.uint8)
+    _moves(*(a.ctypes.data for a in (values, whole, offsets, lanes, out, number, picture)))
     assert (out[24:32] == values[3]).all()
     np.testing.assert_array_equal(out[32:40], np.sqrt(np.abs(values[:8])))
     eight = offsets[None] + np.arange(8)[:, None]
     np.testing.assert_array_equal(out[40:72].reshape(4, 8), values[eight[:4]])
-    np.testing.assert_array_equal(out[72:].reshape(8, 8), values[eight])
-    np.testing.assert_array_equal(number[:24].reshape(3, 8), whole[each])
-    np.testing.assert_array_equal(number[40:], values[:8].view(np.int32))
+    np.testing.assert_array_equal(out[72:136].reshape(8, 8), values[eight])
+    np.testing.assert_array_equal(out[136:].reshape(8, 8), values.reshape(30, 8)[offsets[lanes]].T)
+    np.testing.assert_array_equal(number, values[:8].view(np.int32))
     np.testing.assert_array_equal(picture[1:25], whole[:8].view(np.uint8).reshape(8, 4)[:, :3].ravel())
     assert picture[0] == 7
     assert (picture[29:32] == 7).all()  # four more bytes may be anything
