@@ -20,6 +20,7 @@ from gateway.adapters.render.form import FormReader, body_too_large
 from gateway.adapters.render.pipeline import Backdrop, EncodedImage, Pipeline
 from gateway.adapters.render.request import RenderRequest
 from gateway.runtime.http.disconnect import CLIENT_GONE, while_connected
+from gateway.runtime.http.http_protocol import CONNECTION, BoundedHttpProtocol
 from gateway.runtime.http.plain_error_route import retry_after, unavailable_message
 from gateway.runtime.logs.metrics_registry import Metrics
 from gateway.runtime.logs.render_record import RenderRecord
@@ -43,10 +44,12 @@ class _Call:
     """A request in progress."""
 
     http_request: Request
-    pieces: list[bytes] | None
-    """Body as received, for the store of failed requests; None if there is no such store."""
+    pieces: list[bytes | bytearray] | None
+    """Body as received, for the store of failed requests; None if there is no such store. A buffer may be larger."""
     start_time: float = field(default_factory=time.perf_counter)
     received_bytes: int = 0
+    held_bytes: int = 0
+    """Size of the buffer for the body, or of its pieces."""
     request: RenderRequest | None = None
     """None until the form is complete and valid."""
 
@@ -73,7 +76,7 @@ class RenderService:
         self.scenes: Final = self._pipeline.scenes
         """The caches of posted scenes, for metrics."""
         self.inflight_bytes = 0
-        """Bytes of bodies that are arriving, waiting or being rendered."""
+        """Bytes held by bodies that are arriving, waiting or being rendered."""
         self._workers = workers
         self._metrics = metrics
         self.recent: Final[deque[RenderRecord]] = deque(maxlen=config.recent_count)
@@ -124,11 +127,11 @@ class RenderService:
         finally:
             place_timer.cancel()
             self._arriving.discard(call)
-            self.inflight_bytes -= call.received_bytes
+            self.inflight_bytes -= call.held_bytes
         return await self._error_response(call, status, outcome, sentence, headers)
 
     async def _receive_form(self, call: _Call) -> RenderRequest:
-        """Receive the body and parse it piece by piece.
+        """Receive the body, and parse it as it arrives.
 
         Raises:
             RequestError: the body is too large, stalls, or is not a valid form.
@@ -146,18 +149,26 @@ class RenderService:
             raise body_too_large(int(content_length), config)
         reader = FormReader(headers.get("content-type", ""), config)
         loop = asyncio.get_running_loop()
+
+        def on_bytes(buffer: bytearray, count: int) -> None:
+            timeout.reschedule(loop.time() + config.receive_timeout)
+            call.received_bytes = count
+            self._hold(call, len(buffer))
+            if call.pieces is not None:
+                call.pieces[:] = [buffer]
+            reader.read(buffer, count)
+
         try:
             async with asyncio.timeout(config.receive_timeout) as timeout:
+                connection: BoundedHttpProtocol | None = call.http_request.scope.get(CONNECTION)
+                if connection is not None:
+                    body = await connection.receive_body(call.http_request.scope, on_bytes)
+                    if body is not None:
+                        return reader.request(body if call.pieces is None else body.copy())
                 async for piece in call.http_request.stream():
                     timeout.reschedule(loop.time() + config.receive_timeout)
-                    if self.inflight_bytes + len(piece) > config.max_inflight_bytes:
-                        raise QueueFull(
-                            f"the requests in progress hold {self.inflight_bytes} bytes, "
-                            f"the limit is {config.max_inflight_bytes} (max_inflight_bytes)",
-                            MEMORY_RETRY_SECONDS,
-                        )
-                    self.inflight_bytes += len(piece)
                     call.received_bytes += len(piece)
+                    self._hold(call, call.received_bytes)
                     if call.pieces is not None:
                         call.pieces.append(piece)
                     reader.feed(piece)
@@ -168,6 +179,17 @@ class RenderService:
             ) from None
         finally:
             reader.close()
+
+    def _hold(self, call: _Call, nbytes: int) -> None:
+        """Set the number of bytes that a request holds. Raises QueueFull."""
+        if self.inflight_bytes - call.held_bytes + nbytes > self.config.max_inflight_bytes:
+            raise QueueFull(
+                f"the requests in progress hold {self.inflight_bytes} bytes, "
+                f"the limit is {self.config.max_inflight_bytes} (max_inflight_bytes)",
+                MEMORY_RETRY_SECONDS,
+            )
+        self.inflight_bytes += nbytes - call.held_bytes
+        call.held_bytes = nbytes
 
     def _image_response(self, call: _Call, request: RenderRequest, image: EncodedImage) -> Response:
         self._last_warnings = warnings = (*request.warnings, *image.warnings)
@@ -195,9 +217,10 @@ class RenderService:
         self._finish(call, status, outcome, error=sentence)
         if self._failures is not None and call.pieces is not None and outcome in _STORED_OUTCOMES:
             content_type = call.http_request.headers.get("content-type", "")
+            received = [memoryview(piece)[: call.received_bytes] for piece in call.pieces]
             try:
                 path = await asyncio.to_thread(
-                    self._failures.store, call.pieces, content_type, status, sentence, _request_id()
+                    self._failures.store, received, content_type, status, sentence, _request_id()
                 )
                 _log.info("rejected render request stored", path=str(path))
             except OSError as error:
