@@ -64,6 +64,8 @@ class EncodedImage:
     media_type: str
     stage_seconds: tuple[tuple[str, float], ...]
     """Names and durations of the stages ``queue``, ``parse``, ``render`` and ``encode``."""
+    end_time: float
+    """End of the last stage, by ``time.perf_counter``."""
     generator: str
     """``asset.generator`` of the scene."""
     element_count: int
@@ -138,6 +140,7 @@ class Pipeline:
                 ("render", rendered_time - parsed_time),
                 ("encode", encoded_time - rendered_time),
             ),
+            end_time=encoded_time,
             generator=scene.generator,
             element_count=scene.element_count,
             warnings=warnings,

@@ -6,12 +6,14 @@ import asyncio
 import logging
 import time
 from collections import Counter, deque
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from typing import Any, Final, Literal
 
 import structlog
 from fastapi import Request, Response
 from starlette.requests import ClientDisconnect
+from starlette.types import Receive, Scope, Send
 
 from gateway.adapters.render.config import RenderConfig
 from gateway.adapters.render.errors import RequestError, message_bytes
@@ -47,11 +49,28 @@ class _Call:
     pieces: list[bytes | bytearray] | None
     """Body as received, for the store of failed requests; None if there is no such store. A buffer may be larger."""
     start_time: float = field(default_factory=time.perf_counter)
+    arrival_time: float = 0.0
+    """Time at which the last bytes of the body arrived."""
+    form_time: float = 0.0
+    """Time at which the form was read."""
     received_bytes: int = 0
     held_bytes: int = 0
     """Size of the buffer for the body, or of its pieces."""
     request: RenderRequest | None = None
     """None until the form is complete and valid."""
+
+
+class _TimedResponse(Response):
+    """A response that observes the stage ``send``: until the system or a buffer has taken the last byte."""
+
+    def __init__(self, observe: Callable[[str, float], None], content: bytes, **options: Any) -> None:
+        super().__init__(content, **options)
+        self._observe = observe
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        start_time = time.perf_counter()
+        await super().__call__(scope, receive, send)
+        self._observe("send", time.perf_counter() - start_time)
 
 
 class RenderService:
@@ -103,9 +122,8 @@ class RenderService:
             self._arriving.add(call)
             request = call.request = await self._receive_form(call)
             self._arriving.discard(call)
-            work = self._workers.run(
-                self._pipeline.render, request, submitted_time=time.perf_counter(), nbytes=len(request.scene)
-            )
+            call.form_time = time.perf_counter()
+            work = self._workers.run(self._pipeline.render, request, call.form_time, nbytes=len(request.scene))
             image = await while_connected(http_request, work)
         except RequestError as error:
             status, outcome, sentence = error.status, "rejected", error.sentence
@@ -151,6 +169,7 @@ class RenderService:
         loop = asyncio.get_running_loop()
 
         def on_bytes(buffer: bytearray, count: int) -> None:
+            call.arrival_time = time.perf_counter()
             timeout.reschedule(loop.time() + config.receive_timeout)
             call.received_bytes = count
             self._hold(call, len(buffer))
@@ -166,6 +185,7 @@ class RenderService:
                     if body is not None:
                         return reader.request(body if call.pieces is None else body.copy())
                 async for piece in call.http_request.stream():
+                    call.arrival_time = time.perf_counter()
                     timeout.reschedule(loop.time() + config.receive_timeout)
                     call.received_bytes += len(piece)
                     self._hold(call, call.received_bytes)
@@ -205,8 +225,24 @@ class RenderService:
                 **{f"{name}_ms": round(seconds * 1e3, 2) for name, seconds in image.stage_seconds},
             )
         self._finish(call, 200, "ok", image=image, warnings=warnings)
-        timing = ", ".join([f"{name};dur={seconds * 1e3:.2f}" for name, seconds in image.stage_seconds])
-        return Response(image.body, headers={"Server-Timing": timing}, media_type=image.media_type)
+        queue, parse, render, (encode, encode_seconds) = image.stage_seconds
+        stages = (
+            ("receive", call.arrival_time - call.start_time),
+            ("form", call.form_time - call.arrival_time),
+            queue,
+            parse,
+            render,
+            (encode, encode_seconds + time.perf_counter() - image.end_time),  # with the way back to the event loop
+        )
+        for name, seconds in stages:
+            self._observe(name, seconds)
+        timing = ", ".join([f"{name};dur={seconds * 1e3:.2f}" for name, seconds in stages])
+        return _TimedResponse(self._observe, image.body, headers={"Server-Timing": timing}, media_type=image.media_type)
+
+    def _observe(self, stage: str, seconds: float) -> None:
+        """Add the duration of a stage to the metrics."""
+        if self._metrics is not None:
+            self._metrics.stage(stage).observe(seconds)
 
     async def _error_response(
         self, call: _Call, status: int, outcome: _Outcome, sentence: str, headers: dict[str, str]
@@ -241,9 +277,7 @@ class RenderService:
         self._responses_by_status[status] += 1
         if self._metrics is not None:
             kind = call.request.image_type if call.request is not None else "unknown"
-            self._metrics.renders.labels(kind, outcome).inc()
-            for stage, seconds in image.stage_seconds if image is not None else ():
-                self._metrics.stage_seconds.labels(stage).observe(seconds)
+            self._metrics.render(kind, outcome).inc()
         request = call.request
         image_text, scene_text = "not understood", ""
         if request is not None:
@@ -259,7 +293,7 @@ class RenderService:
                 end_time=time.time(),
                 status=status,
                 seconds=time.perf_counter() - call.start_time,
-                queue_seconds=dict(image.stage_seconds)["queue"] if image is not None else 0.0,
+                queue_seconds=image.stage_seconds[0][1] if image is not None else 0.0,
                 image_text=image_text,
                 scene_text=scene_text,
                 kind=request.image_type if request is not None else "",
@@ -290,5 +324,5 @@ class RenderService:
 
 
 def _request_id() -> str:
-    """Return the id of the current request, which ``RequestContext`` gave it."""
+    """Return the id of the current request, which ``Edge`` gave it."""
     return str(structlog.contextvars.get_contextvars().get("request_id", ""))

@@ -130,7 +130,8 @@ class BoundedHttpProtocol(SlicedReads, HttpToolsProtocol):
     _content_length = 0
     """Size of the current body in bytes, if it is not chunked."""
     on_disconnect: Callable[[], object] | None = None
-    """Called when the connection ends."""
+    """Called when a response cannot be sent any more."""
+    _disconnected = False
     _bytes_without_progress = 0
     """Bytes received since the last complete head or piece of a body."""
     _discarded_bytes = 0
@@ -156,8 +157,7 @@ class BoundedHttpProtocol(SlicedReads, HttpToolsProtocol):
         if self._timer is not None:
             self._timer.cancel()
         super().connection_lost(exc)
-        if self.on_disconnect is not None:
-            self.on_disconnect()
+        self._disconnect()
 
     def shutdown(self) -> None:
         """Finish the request, or close the connection. The head of a first request may be on its way."""
@@ -323,6 +323,16 @@ class BoundedHttpProtocol(SlicedReads, HttpToolsProtocol):
         else:
             self.cycle.disconnected = True
             self.cycle.message_event.set()
+            self._disconnect()
+
+    def is_disconnected(self) -> bool:
+        """Return True if a response cannot be sent any more."""
+        return self._disconnected
+
+    def _disconnect(self) -> None:
+        self._disconnected = True
+        if self.on_disconnect is not None:
+            self.on_disconnect()
 
     def _send_refusal(self) -> None:
         """Respond and close the sending side only: closing both could discard the response on its way to the client."""
