@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+import renderers.depth_range  # noqa: F401 - it defines a kernel
 import renderers.fxaa  # noqa: F401 - it defines a kernel
 from renderers.camera import Camera
 from renderers.compiler.jit import compile_all
