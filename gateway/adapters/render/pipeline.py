@@ -235,7 +235,7 @@ def rigid_pose(X: NDArray[np.float64], name: str) -> NDArray[np.float64]:
         RequestError: The transform is singular, or too far from the origin.
     """
     *rows, last_row = X.tolist()
-    if not all([abs(row[3]) <= _MAX_COORDINATE for row in rows]):
+    if not all(abs(row[3]) <= _MAX_COORDINATE for row in rows):
         raise RequestError(400, f"scene: the camera node {name!r} is farther than {_MAX_COORDINATE:g} m away")
     if _is_rotation(rows) and math.isfinite(sum(last_row)):
         return X
@@ -259,7 +259,7 @@ def _is_rotation(rows: Sequence[Sequence[float]]) -> bool:
     """Return True if the first three columns of three rows are a rotation matrix. NumPy would take twice as long."""
     x, y, z = list(zip(*rows, strict=True))[:3]
     deviations = (_dot(x, x) - 1.0, _dot(y, y) - 1.0, _dot(z, z) - 1.0, _dot(x, y), _dot(y, z), _dot(z, x))
-    if not all([abs(deviation) < _RIGID_TOLERANCE for deviation in deviations]):  # NaN is not less either
+    if not all(abs(deviation) < _RIGID_TOLERANCE for deviation in deviations):  # NaN is not less either
         return False
     cross = x[1] * y[2] - x[2] * y[1], x[2] * y[0] - x[0] * y[2], x[0] * y[1] - x[1] * y[0]
     return _dot(cross, z) > 0.0

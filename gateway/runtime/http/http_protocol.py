@@ -42,8 +42,9 @@ CONNECTION: Final = "scenegate.connection"
 """Key of the protocol in the scope of its requests."""
 _WHOLE_READ_BYTES: Final = 1 << 20
 """Bytes; more than a transport reads at once."""
-_BUFFER_GROWTH: Final = 4
-"""Maximum size of a body's buffer per byte that has arrived: a client that only announces bytes gets no memory."""
+_BUFFER_GROWTH: Final = 16
+"""Maximum size of a body's buffer per byte that has arrived: a client that only announces bytes gets no memory. The
+first read of a large body brings 256 kB."""
 _MIN_BUFFER_BYTES: Final = 64 << 10
 """Minimum size of such a buffer, unless the body is smaller."""
 
@@ -147,6 +148,7 @@ class BoundedHttpProtocol(SlicedReads, HttpToolsProtocol):
     def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]  # uvicorn's is narrower
         """Refuse the connection if there are too many; else start the timer for the first head."""
         super().connection_made(transport)
+        self._responses = JoinedHead(transport)
         self._enter(State.HEAD)
         if len(self.connections) > MAX_CONNECTIONS:
             self._refuse(503, f"There are {MAX_CONNECTIONS} connections already.")
@@ -209,6 +211,7 @@ class BoundedHttpProtocol(SlicedReads, HttpToolsProtocol):
         self.scope["headers"] = [*self.headers]  # without trailers, since a proxy may not have checked them
         self.scope[CONNECTION] = self  # type: ignore[typeddict-unknown-key]
         super().on_headers_complete()
+        self.cycle.transport = self._responses  # type: ignore[assignment]  # the part of a transport that a cycle uses
         self._unanswered += 1
         self._enter(State.BODY)
 
@@ -272,6 +275,7 @@ class BoundedHttpProtocol(SlicedReads, HttpToolsProtocol):
 
     def on_response_complete(self) -> None:
         """Start the next request of the pipeline, or a refusal that waited for this response."""
+        self._responses.flush()
         super().on_response_complete()
         self._unanswered -= 1
         if self.transport.is_closing():
@@ -468,3 +472,35 @@ class BodyReceiver(asyncio.BufferedProtocol):
         self._transport.pause_reading()
         self._transport.set_protocol(protocol)
         self._transport.resume_reading()
+
+
+class JoinedHead:
+    """The transport of responses: the head of one with a length waits for its body, so that one system call sends both.
+
+    The head of a stream does not wait.
+    """
+
+    def __init__(self, transport: asyncio.Transport) -> None:
+        self._transport = transport
+        self._head = b""
+        self.is_closing = transport.is_closing
+
+    def write(self, data: bytes) -> None:
+        """Send the head and ``data``, or keep ``data`` if it is a head."""
+        head, self._head = self._head, b""
+        if head:
+            self._transport.writelines([head, data])
+        elif data.startswith(b"HTTP/1.1 ") and b"\r\ncontent-length: " in data[:MAX_HEAD_BYTES]:
+            self._head = data
+        else:
+            self._transport.write(data)
+
+    def close(self) -> None:
+        """Close the connection after what was written."""
+        self.flush()
+        self._transport.close()
+
+    def flush(self) -> None:
+        """Send a head that has no body."""
+        if self._head:
+            self.write(b"")

@@ -234,5 +234,5 @@ async def test_buffer_grows_with_what_has_arrived() -> None:
             await until(lambda end=start + 30_000: sizes[-1][1] >= min(end, len(body)))  # type: ignore[misc]  # no type for a default
         assert await answer(reader) == (200, summary(body))
         writer.close()
-    assert all(size <= max(4 * count, 1 << 16) for size, count in sizes)
+    assert all(size <= max(16 * count, 1 << 16) for size, count in sizes)
     assert sizes[-1] == (len(body), len(body))
