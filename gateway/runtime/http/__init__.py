@@ -3,7 +3,7 @@
 From the connection inwards:
 
 - ``http_server``: servers and ports.
-- ``http_protocol``, ``websocket_protocol``: limits per connection.
+- ``http_protocol``, ``websocket_protocol``: limits per connection; with ``sliced_reads`` and ``joined_head``.
 - ``edge``: request ids, log lines, metrics, HEAD, early responses. ``path_prefix``.
 - ``security``, with ``protection``, ``access``, ``tokens`` and ``grpc_tokens``: access control.
 - ``error_handlers``, ``plain_error_route``, ``disconnect``: responses to errors, and clients that disconnect.

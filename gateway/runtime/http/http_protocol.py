@@ -17,6 +17,9 @@ from starlette.requests import ClientDisconnect
 from starlette.types import Scope
 from uvicorn.protocols.http.httptools_impl import HttpToolsProtocol
 
+from gateway.runtime.http.joined_head import JoinedHead
+from gateway.runtime.http.sliced_reads import SlicedReads
+
 MAX_HEAD_BYTES: Final = 64 << 10
 """Request line and headers together: Drake's client sends 200 bytes, browsers a few thousand. Also the limit for chunk
 extensions, and for trailers."""
@@ -69,54 +72,6 @@ class State(Enum):
     """The rest of a body whose response is complete."""
     REFUSED = auto()
     """Data that is not parsed any more; the connection closes when the client does, or at a limit."""
-
-
-class SlicedReads(asyncio.Protocol):
-    """Mixin for protocols that handles each read in slices, one per iteration of the event loop.
-
-    A read brings up to 256 kB, which can hold 40,000 HTTP chunks or WebSocket frames of a few microseconds each.
-    """
-
-    loop: asyncio.AbstractEventLoop
-    transport: asyncio.Transport
-    slice_bytes: int
-    """Maximum size of the next slice."""
-    _backlog = b""
-    """Received and not yet handled. While there is some, a call of ``_resume`` is due."""
-
-    def slice_received(self, data: bytes) -> None:
-        """Handle one slice."""
-        raise NotImplementedError
-
-    def reading_paused(self) -> bool:
-        """Return True if the protocol itself has paused reading."""
-        raise NotImplementedError
-
-    def data_received(self, data: bytes) -> None:
-        """Handle the first slice now and the rest later, unless a slice is waiting already."""
-        is_waiting = bool(self._backlog)
-        self._backlog += data
-        if not is_waiting:
-            self._handle_slice()
-
-    def _handle_slice(self) -> None:
-        size = self.slice_bytes
-        data, self._backlog = self._backlog[:size], self._backlog[size:]
-        self.slice_received(data)
-        if self.transport.is_closing():
-            self._backlog = b""
-        elif self._backlog:
-            self.transport.pause_reading()
-            self.loop.call_soon(self._resume)
-
-    def _resume(self) -> None:
-        if self.transport.is_closing():
-            self._backlog = b""
-            return
-        if self._backlog:
-            self._handle_slice()
-        if not (self._backlog or self.reading_paused() or self.transport.is_closing()):
-            self.transport.resume_reading()
 
 
 class BoundedHttpProtocol(SlicedReads, HttpToolsProtocol):
@@ -472,35 +427,3 @@ class BodyReceiver(asyncio.BufferedProtocol):
         self._transport.pause_reading()
         self._transport.set_protocol(protocol)
         self._transport.resume_reading()
-
-
-class JoinedHead:
-    """The transport of responses: the head of one with a length waits for its body, so that one system call sends both.
-
-    The head of a stream does not wait.
-    """
-
-    def __init__(self, transport: asyncio.Transport) -> None:
-        self._transport = transport
-        self._head = b""
-        self.is_closing = transport.is_closing
-
-    def write(self, data: bytes) -> None:
-        """Send the head and ``data``, or keep ``data`` if it is a head."""
-        head, self._head = self._head, b""
-        if head:
-            self._transport.writelines([head, data])
-        elif data.startswith(b"HTTP/1.1 ") and b"\r\ncontent-length: " in data[:MAX_HEAD_BYTES]:
-            self._head = data
-        else:
-            self._transport.write(data)
-
-    def close(self) -> None:
-        """Close the connection after what was written."""
-        self.flush()
-        self._transport.close()
-
-    def flush(self) -> None:
-        """Send a head that has no body."""
-        if self._head:
-            self.write(b"")
