@@ -1,11 +1,10 @@
-"""Measure concurrent renders, one frame on two cores, event loop stalls, and overload.
+"""Measure concurrent renders, one frame on two cores, and event loop stalls.
 
     python -m bench.concurrency
 
 Two threads that hash a block each show the largest speed-up that the machine allows.
 
-A stall is the delay of a 1 ms ticker on the event loop while worker threads render a million triangles. Overload sends
-96 requests at once to a gateway whose queue holds 16.
+A stall is the delay of a 1 ms ticker on the event loop while worker threads render a million triangles.
 """
 
 from __future__ import annotations
@@ -20,8 +19,6 @@ from functools import partial
 
 import uvloop
 
-from bench import render_requests
-from bench.gateways import Answer, gateway, post
 from bench.raster import scenes, view
 from bench.table import Row, at_least, at_most, heading, show
 from gateway.runtime.kernels import parts
@@ -151,41 +148,11 @@ def event_loop() -> list[Row]:
     return [at_most("event loop, p99 stall while a million triangles are drawn", worst, 2.0, "ms")]
 
 
-def overload() -> list[Row]:
-    """Send 96 requests at once to a gateway whose queue holds 16."""
-    scene = render_requests.textured("color", copies=2, unique=1, side=512)
-    with gateway("--only", "render", "--queue", "16") as running:
-        post(running.port, scene.next_body(*SIZE))
-        before = running.rss()
-        bodies = [scene.next_body(*SIZE) for _ in range(96)]
-        answers: list[Answer] = []
-        senders = [
-            threading.Thread(target=lambda body=body: answers.append(post(running.port, body))) for body in bodies
-        ]
-        for each in senders:
-            each.start()
-        for each in senders:
-            each.join()
-        again = post(running.port, scene.next_body(*SIZE))
-        after = running.rss()
-    drawn = [answer.total for answer in answers if answer.status == 200]
-    refused = [answer for answer in answers if answer.status == 503 and "retry-after" in answer.headers]
-    print(
-        f"\nOverload: 96 requests of {len(bodies[0]) / 1e6:.1f} MB at once, places for 16: {len(drawn)} drawn (median "
-        f"{statistics.median(drawn):.0f} ms), {len(refused)} told to come again (median "
-        f"{statistics.median([a.total for a in refused] or [0.0]):.0f} ms), "
-        f"{len(answers) - len(drawn) - len(refused)} otherwise; the next request: {again.status}; "
-        f"memory {before:.0f} -> {after:.0f} MB"
-    )
-    good = len(drawn) + len(refused) == len(answers) == 96 and again.status == 200
-    return [Row("overload: every request is drawn or told when to come again, the next one is drawn", "", met=good)]
-
-
 def main() -> None:
     tune()
     ensure_compiled()
     parts.load_needed()
-    show([*scaling(), *event_loop(), *overload()])
+    show([*scaling(), *event_loop()])
 
 
 if __name__ == "__main__":

@@ -82,10 +82,14 @@ class Gateway:
         *flags: str,
         environment: dict[str, str] | None = None,
         program: tuple[str, ...] = ("-m", "scenegate"),
+        build: Path | None = None,
     ) -> None:
+        """``build``: folder of another build with its ``.venv``; None: this one."""
         self.began = time.perf_counter()
+        python = sys.executable if build is None else str(build / ".venv/bin/python")
         self.process = subprocess.Popen(
-            [sys.executable, *program, "serve", "--http-port", "0", *flags],
+            [python, *program, "serve", "--http-port", "0", *flags],
+            cwd=build,
             env={
                 **clean_environment(),
                 "SCENEGATE_LOG_FORMAT": "json",

@@ -7,9 +7,8 @@ Both servers are processes of their own and get the same bytes; every request ha
 ``to first byte`` is from the last byte of a request to the first of its answer, the body having arrived before; ``over
 HTTP`` is from connecting to the last byte of the answer, a new connection for each, as Drake's client has it. Medians.
 ``CPU`` is what the server's processes spent a request, which a busy machine disturbs less. Without ``--full`` only
-640 x 480 is asked for. Then: four clients against one, also with one thread a frame, and the most that the machine
-allows, since one client alone uses more than one processor and clients have their share; a scene of 25 MB of textured
-meshes, cold and warm with its stages; poses that changed against the very same request again.
+640 x 480 is asked for. Then: four clients against one, and the most that the machine allows; a scene of 25 MB of
+textured meshes, cold and warm with its stages. ``bench.request_cost`` has the cost of a request against the least.
 """
 
 from __future__ import annotations
@@ -29,7 +28,7 @@ import numpy as np
 from bench import render_requests
 from bench.gateways import Answer, Gateway, gateway, post
 from bench.load_clients import LoadResult, run_clients
-from bench.table import Row, at_least, at_most, geometric_mean, heading, show, skipped
+from bench.table import Row, at_least, at_most, geometric_mean, show, skipped
 from bench.viewer import cpu_of
 
 SCENES = ("001", "003", "009", "010", "015")
@@ -42,8 +41,6 @@ HTTP_GOAL = 5.0
 BIG_GOALS = {"color": 120.0, "depth": 60.0, "label": 60.0}
 """Milliseconds."""
 CLIENTS_GOAL = 1.8
-_QUIET = 0.1
-"""Processors that other programs may use meanwhile: what four clients gain is what one leaves idle."""
 PROCESSORS = len(os.sched_getaffinity(0))
 
 
@@ -233,59 +230,25 @@ def four_clients(ours: Server, vtk: Server | None, folder: Path, frames: int) ->
                 bodies = [scene.next_body(640, 480) for _ in range(8)]
                 theirs = [f"{run_clients(vtk.port, vtk.pid, bodies, clients).rate:.1f}" for clients in (1, 4)]
             print(f"| {scene.name} {kind} | {found[-1].cells()} | {' | '.join(theirs)} |", flush=True)
-    costs = [four / one for one, four in (turns.medians(lambda seen: seen.server_ms) for turns in found)]
-    what = "`/render`, the server's CPU time a request with four clients against one (geometric mean)"
-    cost = Row(what, f"worst {max(costs):.2f}×", "one client", f"{geometric_mean(costs):.2f}×")
     loops = [max(0.001, turns.medians(lambda seen: seen.loop_ms)[1]) for turns in found]
-    what = "… of which the event loop's, one request after the other on any machine (geometric mean)"
+    what = "`/render` with four clients, the event loop's CPU time a request (geometric mean)"
     loop = Row(what, f"{geometric_mean(loops):.2f} ms (most {max(loops):.2f})")
-    return [*gained("`/render`", found), cost, loop]
+    return [*gained(found), loop]
 
 
-def gained(what: str, found: list[Turns]) -> list[Row]:
-    """The ratio, and whether the machine or the scheduling limits it."""
+def gained(found: list[Turns]) -> list[Row]:
+    """The ratio, and what the machine allows."""
     ratio = geometric_mean([turns.gain for turns in found])
     bound = geometric_mean([turns.bound for turns in found])
-    least = min(turns.gain for turns in found)
     one, four = (geometric_mean([turns.medians(lambda seen: seen.busy)[which] for turns in found]) for which in (0, 1))
     others = statistics.median(turns.others for turns in found)
-    if others > _QUIET:
-        says = f"other programs used {others:.2f} of {PROCESSORS} processors, so that neither figure says much"
-    elif bound < CLIENTS_GOAL:
-        says = f"one client keeps {one:.2f} of {PROCESSORS} processors busy: {CLIENTS_GOAL:g}× is out of reach here"
-    else:
-        says = f"one client leaves enough of {PROCESSORS} processors idle"
+    what = f"one client keeps {one:.2f} of {PROCESSORS} processors busy, four {four:.2f}, other programs {others:.2f}"
+    least = f"least {min(turns.gain for turns in found):.2f}×"
     return [
-        Row(
-            f"{what}, four clients' throughput against one's (geometric mean)",
-            f"least {least:.2f}×",
-            "one client",
-            f"{ratio:.2f}×",
-            f"≥ {CLIENTS_GOAL:g}×",
-            ratio >= CLIENTS_GOAL,
-        ),
-        Row(f"… the most that the machine allows: {says}", "", "one client", f"{bound:.2f}×"),
-        Row(
-            f"… of which is reached: four clients keep {four:.2f} processors busy, server and clients",
-            "",
-            "",
-            f"{ratio / bound:.0%}",
-        ),
+        at_least("`/render`, four clients' throughput against one's (geometric mean)", least, "", ratio, CLIENTS_GOAL),
+        Row(f"… the most that the machine allows: {what}", "", "one client", f"{bound:.2f}×"),
+        Row("… of which is reached", "", "", f"{ratio / bound:.0%}"),
     ]
-
-
-def scheduling(folder: Path, frames: int) -> list[Row]:
-    """Four clients' throughput against one's where a frame has one thread: what one client leaves idle is there for
-    others. Otherwise a single client's frames use every processor, too, and the ratio says how well they share it."""
-    print(f"\n| requests/s, 640×480, one thread a frame | {TURNS_HEAD}\n|{'---|' * 14}")
-    found: list[Turns] = []
-    with gateway("--only", "render", "--frame-threads", "1") as running:
-        for number in ("001", "010"):
-            for kind in render_requests.KINDS:
-                scene = render_requests.recorded(folder, number, kind)
-                found.append(Turns.of(running.port, running.process.pid, scene, 2 * frames))
-                print(f"| {scene.name} {kind} | {found[-1].cells()} |", flush=True)
-    return gained("`/render`, one thread a frame", found)
 
 
 def big(vtk: Server | None, frames: int) -> list[Row]:
@@ -325,36 +288,12 @@ def big(vtk: Server | None, frames: int) -> list[Row]:
     return rows
 
 
-def unchanged(ours: Server, folder: Path, frames: int) -> list[Row]:
-    """Poses that changed against the same request again, over HTTP."""
-    print("\n" + heading("poses changed / unchanged, over HTTP, 640×480, ms", "changed", "unchanged", "ratio"))
-    ratios = []
-    for number in SCENES:
-        for kind in render_requests.KINDS:
-            scene = render_requests.recorded(folder, number, kind)
-            same = scene.next_body(640, 480)
-            ours.forget()
-            times: dict[bool, list[float]] = {True: [], False: []}
-            for frame in range(frames + WARM):
-                for moved in (True, False):
-                    other = scene.next_body(640, 480)  # also where it is not sent: it cools the processors' caches
-                    answer = ours.ask(other if moved else same, whole=True)
-                    if frame >= WARM:
-                        times[moved].append(answer.total)
-            changed, again = statistics.median(times[True]), statistics.median(times[False])
-            ratios.append(changed / again)
-            print(f"| {scene.name} {kind} | {changed:.2f} | {again:.2f} | {changed / again:.2f} |", flush=True)
-    mean = geometric_mean(ratios)
-    what = "poses changed against the same request again (geometric mean)"
-    return [Row(what, f"worst {max(ratios):.2f}×", "unchanged", f"{mean:.2f}×", "≤ 1.5×", mean <= 1.5)]
-
-
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--peers", help="a Python that has vtk; without it only ours is measured")
     parser.add_argument("--full", action="store_true", help="three sizes instead of 640 x 480")
     parser.add_argument("--frames", type=int, default=20)
-    parser.add_argument("--only", default="compare,clients,unchanged,big", help="parts, with commas between")
+    parser.add_argument("--only", default="compare,clients,big", help="parts, with commas between")
     options = parser.parse_args()
     folder = render_requests.corpus()
     if folder is None:
@@ -379,8 +318,7 @@ def measure(parts: list[str], running: Gateway, vtk: Server | None, folder: Path
     sizes = SIZES if full else ((640, 480),)
     all_parts: dict[str, Callable[[], list[Row]]] = {
         "compare": lambda: compare(ours, vtk, folder, sizes, frames),
-        "clients": lambda: four_clients(ours, vtk, folder, frames) + scheduling(folder, frames),
-        "unchanged": lambda: unchanged(ours, folder, frames),
+        "clients": lambda: four_clients(ours, vtk, folder, frames),
         "big": lambda: big(vtk, frames),
     }
     return [row for part in parts for row in all_parts[part]()]

@@ -23,7 +23,6 @@ from gateway.adapters.viewer.sources import IMAGE_NAMES
 from gateway.runtime import settings as settings_module
 from gateway.runtime.http import error_handlers, health, openapi
 from gateway.runtime.http.interface_names import NAMES, documentation_of, documentation_url
-from gateway.runtime.http.middleware import EarlyResponse, HeadAsGet, RequestContext
 from gateway.runtime.http.pages import docs_page, index_page
 from gateway.runtime.http.path_prefix import PathPrefix
 from gateway.runtime.http.security import Security
@@ -189,17 +188,14 @@ def _add_middleware(context: Context) -> None:
     app.add_exception_handler(RequestValidationError, error_handlers.invalid_parameters)
     openapi.describe(app, token=context.security.http is not None, open_paths=health.OPEN_PATHS)
     app.add_middleware(RequestBodyLimitMiddleware, max_body_size=context.settings.max_body_mb * MIB)
-    app.add_middleware(
-        StartGate,
+    gate = StartGate(
         started=context.started,
         problem=context.not_started_reason,
         open_paths=health.MONITORING_PATHS | {"/"},
         progress=lambda: context.kernels.progress,
     )
-    context.security.protect(app)
-    app.add_middleware(HeadAsGet)
-    app.add_middleware(RequestContext, metrics=context.metrics, quiet_paths=health.MONITORING_PATHS | POLLED_PATHS)
-    app.add_middleware(EarlyResponse)
+    quiet_paths = health.MONITORING_PATHS | POLLED_PATHS
+    context.security.protect(app, metrics=context.metrics, quiet_paths=quiet_paths, gate=gate)
     if context.settings.root_path:
         app.add_middleware(PathPrefix, prefix=context.settings.root_path)
 

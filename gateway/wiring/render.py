@@ -29,7 +29,7 @@ async def setup(context: Context, provided: Provided) -> Provided:
         backdrop=await _backdrop(context),
         metrics=context.metrics,
     )
-    context.app.include_router(render_router(service))
+    context.app.router.routes[:0] = render_router(service).routes  # found before all others
     metrics.watch_render(context.metrics, service)
     context.registry.ready("render", where=context.settings.render_path, figures=service.status)
     return replace(provided, recent_renders=service.recent)

@@ -26,7 +26,6 @@ from gateway.adapters.viewer.sources import ImageName, StereoImages, StereoRig
 from gateway.files.assets.light_rig_file import rig_of
 from gateway.runtime.http.error_handlers import invalid_parameters
 from gateway.runtime.http.http_server import PortService
-from gateway.runtime.http.middleware import EarlyResponse, HeadAsGet
 from gateway.runtime.settings import Settings
 from gateway.runtime.state.parameter_store import ParameterStore
 from gateway.scene.draw.bounds import MIN_SUSPECT, loose_bounds, scale_hint
@@ -73,8 +72,6 @@ async def setup(context: Context, provided: Provided) -> Provided:
         rest = FastAPI(openapi_url=None, telemetry=NO_TELEMETRY)
         rest.add_exception_handler(RequestValidationError, invalid_parameters)
         context.security.protect(rest)
-        rest.add_middleware(HeadAsGet)
-        rest.add_middleware(EarlyResponse)
         apps.append(rest)
         context.run_service(
             "rest", PortService(rest, settings.host, settings.rest_port, context.security.tls), where="/api"

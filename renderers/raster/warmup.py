@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-import renderers.fxaa  # noqa: F401 - it defines a kernel
+import renderers.depth_range
+import renderers.fxaa  # noqa: F401 - both define kernels
 from renderers.camera import Camera
 from renderers.compiler.jit import compile_all
 from renderers.drawlist import DrawList, Instance, Material, Mesh

@@ -50,7 +50,7 @@ CONSTANTS: Final[tuple[tuple[str, str, tuple[str, ...]], ...]] = (
             *("HEAD_SECONDS", "BODY_SECONDS", "DISCARD_SECONDS", "DISCARD_BYTES"),
         ),
     ),
-    ("HTTP requests", "gateway.runtime.http.middleware", ("MAX_TARGET_BYTES",)),
+    ("HTTP requests", "gateway.runtime.http.protection", ("MAX_TARGET_BYTES",)),
     ("HTTP servers", "gateway.runtime.http.http_server", ("KEEP_ALIVE_SECONDS", "MAX_WEBSOCKET_BYTES")),
     ("WebSocket connections", "gateway.runtime.http.websocket_protocol", ("MAX_FRAGMENTS",)),
     ("Tokens", "gateway.runtime.http.tokens", ("MIN_CHARS", "MAX_CHARS", "COOKIE_SECONDS")),

@@ -29,7 +29,9 @@ class FailureStore:
         self._max_bytes = max_bytes
         self._lock = threading.Lock()
 
-    def store(self, body: Sequence[bytes], content_type: str, status: int, reason: str, request_id: str) -> Path | None:
+    def store(
+        self, body: Sequence[bytes | memoryview], content_type: str, status: int, reason: str, request_id: str
+    ) -> Path | None:
         """Store a request.
 
         Args:

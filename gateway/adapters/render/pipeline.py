@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import math
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Final
 
@@ -64,6 +65,8 @@ class EncodedImage:
     media_type: str
     stage_seconds: tuple[tuple[str, float], ...]
     """Names and durations of the stages ``queue``, ``parse``, ``render`` and ``encode``."""
+    end_time: float
+    """End of the last stage, by ``time.perf_counter``."""
     generator: str
     """``asset.generator`` of the scene."""
     element_count: int
@@ -138,6 +141,7 @@ class Pipeline:
                 ("render", rendered_time - parsed_time),
                 ("encode", encoded_time - rendered_time),
             ),
+            end_time=encoded_time,
             generator=scene.generator,
             element_count=scene.element_count,
             warnings=warnings,
@@ -230,14 +234,14 @@ def rigid_pose(X: NDArray[np.float64], name: str) -> NDArray[np.float64]:
     Raises:
         RequestError: The transform is singular, or too far from the origin.
     """
-    linear, position = X[:3, :3], X[:3, 3]
-    if not (np.abs(position) <= _MAX_COORDINATE).all():
+    *rows, last_row = X.tolist()
+    if not all(abs(row[3]) <= _MAX_COORDINATE for row in rows):
         raise RequestError(400, f"scene: the camera node {name!r} is farther than {_MAX_COORDINATE:g} m away")
+    if _is_rotation(rows) and math.isfinite(sum(last_row)):
+        return X
+    linear, position = X[:3, :3], X[:3, 3]
     if np.isfinite(X).all():
         with np.errstate(all="ignore"):
-            deviation = np.abs(linear.T @ linear - np.eye(3)).max()
-            if deviation < _RIGID_TOLERANCE and np.linalg.det(linear) > 0.0:
-                return X
             forward = linear[:, 2] / np.linalg.norm(linear[:, 2])
             down = linear[:, 1] / np.linalg.norm(linear[:, 1])
             down -= forward * (forward @ down)
@@ -249,3 +253,17 @@ def rigid_pose(X: NDArray[np.float64], name: str) -> NDArray[np.float64]:
                 if np.linalg.det(pose[:3, :3]) > 0.5:  # 0 or NaN where a length overflowed
                     return pose
     raise RequestError(400, f"scene: the transform of the camera node {name!r} is singular")
+
+
+def _is_rotation(rows: Sequence[Sequence[float]]) -> bool:
+    """Return True if the first three columns of three rows are a rotation matrix. NumPy would take twice as long."""
+    x, y, z = list(zip(*rows, strict=True))[:3]
+    deviations = (_dot(x, x) - 1.0, _dot(y, y) - 1.0, _dot(z, z) - 1.0, _dot(x, y), _dot(y, z), _dot(z, x))
+    if not all(abs(deviation) < _RIGID_TOLERANCE for deviation in deviations):  # NaN is not less either
+        return False
+    cross = x[1] * y[2] - x[2] * y[1], x[2] * y[0] - x[0] * y[2], x[0] * y[1] - x[1] * y[0]
+    return _dot(cross, z) > 0.0
+
+
+def _dot(a: Sequence[float], b: Sequence[float]) -> float:
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]

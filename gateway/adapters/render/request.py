@@ -45,8 +45,8 @@ class RenderRequest:
     """Metres; closer depths are "too close". 0 unless the image is depth."""
     max_depth: float
     """Metres; larger depths are "too far". Infinite unless the image is depth."""
-    scene: bytes
-    """The glTF file."""
+    scene: bytes | bytearray
+    """The glTF file; must not change."""
     claimed_sha256: str | None = None
     """SHA-256 of the scene as sent by the client, 64 hexadecimal digits in lower case; None: not sent."""
     scene_filename: str = ""

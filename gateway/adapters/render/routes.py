@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import json
 import math
+from collections.abc import Callable, Coroutine
 from typing import Any, Final
 
 from fastapi import APIRouter, Request, Response
+from fastapi.routing import APIRoute
 
 from gateway.adapters.render.config import RenderConfig
 from gateway.adapters.render.form import IMAGE_TYPES, LOOK_FIELD, LOOKS
@@ -145,9 +147,17 @@ def _focal_or_angle(axis: str) -> dict[str, Any]:
     return {"anyOf": [{"required": [f"focal_{axis}"]}, {"required": [fov], **limits}]}
 
 
+class _RequestRoute(APIRoute):
+    """A route whose endpoint gets the request, without FastAPI's search for parameters and its checks of the result."""
+
+    def get_route_handler(self) -> Callable[[Request], Coroutine[Any, Any, Response]]:
+        handler: Callable[[Request], Coroutine[Any, Any, Response]] = self.endpoint
+        return handler
+
+
 def render_router(service: RenderService) -> APIRouter:
     """Return the routes of the render endpoint, at the path of its configuration."""
-    router = APIRouter(tags=["Render"])
+    router = APIRouter(route_class=_RequestRoute)
     path = service.config.path
 
     async def usage(request: Request) -> Response:
@@ -158,6 +168,7 @@ def render_router(service: RenderService) -> APIRouter:
         path,
         service.respond,
         methods=["POST"],
+        tags=["Render"],
         name="render",
         summary="Render a glTF scene",
         description=_DESCRIPTION,

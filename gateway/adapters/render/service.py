@@ -6,12 +6,14 @@ import asyncio
 import logging
 import time
 from collections import Counter, deque
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from typing import Any, Final, Literal
 
 import structlog
 from fastapi import Request, Response
 from starlette.requests import ClientDisconnect
+from starlette.types import Receive, Scope, Send
 
 from gateway.adapters.render.config import RenderConfig
 from gateway.adapters.render.errors import RequestError, message_bytes
@@ -20,6 +22,7 @@ from gateway.adapters.render.form import FormReader, body_too_large
 from gateway.adapters.render.pipeline import Backdrop, EncodedImage, Pipeline
 from gateway.adapters.render.request import RenderRequest
 from gateway.runtime.http.disconnect import CLIENT_GONE, while_connected
+from gateway.runtime.http.http_protocol import CONNECTION, BoundedHttpProtocol
 from gateway.runtime.http.plain_error_route import retry_after, unavailable_message
 from gateway.runtime.logs.metrics_registry import Metrics
 from gateway.runtime.logs.render_record import RenderRecord
@@ -43,12 +46,31 @@ class _Call:
     """A request in progress."""
 
     http_request: Request
-    pieces: list[bytes] | None
-    """Body as received, for the store of failed requests; None if there is no such store."""
+    pieces: list[bytes | bytearray] | None
+    """Body as received, for the store of failed requests; None if there is no such store. A buffer may be larger."""
     start_time: float = field(default_factory=time.perf_counter)
+    arrival_time: float = 0.0
+    """Time at which the last bytes of the body arrived."""
+    form_time: float = 0.0
+    """Time at which the form was read."""
     received_bytes: int = 0
+    held_bytes: int = 0
+    """Size of the buffer for the body, or of its pieces."""
     request: RenderRequest | None = None
     """None until the form is complete and valid."""
+
+
+class _TimedResponse(Response):
+    """A response that observes the stage ``send``: until the system or a buffer has taken the last byte."""
+
+    def __init__(self, observe: Callable[[str, float], None], content: bytes, **options: Any) -> None:
+        super().__init__(content, **options)
+        self._observe = observe
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        start_time = time.perf_counter()
+        await super().__call__(scope, receive, send)
+        self._observe("send", time.perf_counter() - start_time)
 
 
 class RenderService:
@@ -73,7 +95,7 @@ class RenderService:
         self.scenes: Final = self._pipeline.scenes
         """The caches of posted scenes, for metrics."""
         self.inflight_bytes = 0
-        """Bytes of bodies that are arriving, waiting or being rendered."""
+        """Bytes held by bodies that are arriving, waiting or being rendered."""
         self._workers = workers
         self._metrics = metrics
         self.recent: Final[deque[RenderRecord]] = deque(maxlen=config.recent_count)
@@ -100,9 +122,8 @@ class RenderService:
             self._arriving.add(call)
             request = call.request = await self._receive_form(call)
             self._arriving.discard(call)
-            work = self._workers.run(
-                self._pipeline.render, request, submitted_time=time.perf_counter(), nbytes=len(request.scene)
-            )
+            call.form_time = time.perf_counter()
+            work = self._workers.run(self._pipeline.render, request, call.form_time, nbytes=len(request.scene))
             image = await while_connected(http_request, work)
         except RequestError as error:
             status, outcome, sentence = error.status, "rejected", error.sentence
@@ -124,11 +145,11 @@ class RenderService:
         finally:
             place_timer.cancel()
             self._arriving.discard(call)
-            self.inflight_bytes -= call.received_bytes
+            self.inflight_bytes -= call.held_bytes
         return await self._error_response(call, status, outcome, sentence, headers)
 
     async def _receive_form(self, call: _Call) -> RenderRequest:
-        """Receive the body and parse it piece by piece.
+        """Receive the body, and parse it as it arrives.
 
         Raises:
             RequestError: the body is too large, stalls, or is not a valid form.
@@ -146,18 +167,28 @@ class RenderService:
             raise body_too_large(int(content_length), config)
         reader = FormReader(headers.get("content-type", ""), config)
         loop = asyncio.get_running_loop()
+
+        def on_bytes(buffer: bytearray, count: int) -> None:
+            call.arrival_time = time.perf_counter()
+            timeout.reschedule(loop.time() + config.receive_timeout)
+            call.received_bytes = count
+            self._hold(call, len(buffer))
+            if call.pieces is not None:
+                call.pieces[:] = [buffer]
+            reader.read(buffer, count)
+
         try:
             async with asyncio.timeout(config.receive_timeout) as timeout:
+                connection: BoundedHttpProtocol | None = call.http_request.scope.get(CONNECTION)
+                if connection is not None:
+                    body = await connection.receive_body(call.http_request.scope, on_bytes)
+                    if body is not None:
+                        return reader.request(body if call.pieces is None else body.copy())
                 async for piece in call.http_request.stream():
+                    call.arrival_time = time.perf_counter()
                     timeout.reschedule(loop.time() + config.receive_timeout)
-                    if self.inflight_bytes + len(piece) > config.max_inflight_bytes:
-                        raise QueueFull(
-                            f"the requests in progress hold {self.inflight_bytes} bytes, "
-                            f"the limit is {config.max_inflight_bytes} (max_inflight_bytes)",
-                            MEMORY_RETRY_SECONDS,
-                        )
-                    self.inflight_bytes += len(piece)
                     call.received_bytes += len(piece)
+                    self._hold(call, call.received_bytes)
                     if call.pieces is not None:
                         call.pieces.append(piece)
                     reader.feed(piece)
@@ -168,6 +199,17 @@ class RenderService:
             ) from None
         finally:
             reader.close()
+
+    def _hold(self, call: _Call, nbytes: int) -> None:
+        """Set the number of bytes that a request holds. Raises QueueFull."""
+        if self.inflight_bytes - call.held_bytes + nbytes > self.config.max_inflight_bytes:
+            raise QueueFull(
+                f"the requests in progress hold {self.inflight_bytes} bytes, "
+                f"the limit is {self.config.max_inflight_bytes} (max_inflight_bytes)",
+                MEMORY_RETRY_SECONDS,
+            )
+        self.inflight_bytes += nbytes - call.held_bytes
+        call.held_bytes = nbytes
 
     def _image_response(self, call: _Call, request: RenderRequest, image: EncodedImage) -> Response:
         self._last_warnings = warnings = (*request.warnings, *image.warnings)
@@ -183,8 +225,24 @@ class RenderService:
                 **{f"{name}_ms": round(seconds * 1e3, 2) for name, seconds in image.stage_seconds},
             )
         self._finish(call, 200, "ok", image=image, warnings=warnings)
-        timing = ", ".join([f"{name};dur={seconds * 1e3:.2f}" for name, seconds in image.stage_seconds])
-        return Response(image.body, headers={"Server-Timing": timing}, media_type=image.media_type)
+        queue, parse, render, (encode, encode_seconds) = image.stage_seconds
+        stages = (
+            ("receive", call.arrival_time - call.start_time),
+            ("form", call.form_time - call.arrival_time),
+            queue,
+            parse,
+            render,
+            (encode, encode_seconds + time.perf_counter() - image.end_time),  # with the way back to the event loop
+        )
+        for name, seconds in stages:
+            self._observe(name, seconds)
+        timing = ", ".join([f"{name};dur={seconds * 1e3:.2f}" for name, seconds in stages])
+        return _TimedResponse(self._observe, image.body, headers={"Server-Timing": timing}, media_type=image.media_type)
+
+    def _observe(self, stage: str, seconds: float) -> None:
+        """Add the duration of a stage to the metrics."""
+        if self._metrics is not None:
+            self._metrics.stage(stage).observe(seconds)
 
     async def _error_response(
         self, call: _Call, status: int, outcome: _Outcome, sentence: str, headers: dict[str, str]
@@ -195,9 +253,10 @@ class RenderService:
         self._finish(call, status, outcome, error=sentence)
         if self._failures is not None and call.pieces is not None and outcome in _STORED_OUTCOMES:
             content_type = call.http_request.headers.get("content-type", "")
+            received = [memoryview(piece)[: call.received_bytes] for piece in call.pieces]
             try:
                 path = await asyncio.to_thread(
-                    self._failures.store, call.pieces, content_type, status, sentence, _request_id()
+                    self._failures.store, received, content_type, status, sentence, _request_id()
                 )
                 _log.info("rejected render request stored", path=str(path))
             except OSError as error:
@@ -218,9 +277,7 @@ class RenderService:
         self._responses_by_status[status] += 1
         if self._metrics is not None:
             kind = call.request.image_type if call.request is not None else "unknown"
-            self._metrics.renders.labels(kind, outcome).inc()
-            for stage, seconds in image.stage_seconds if image is not None else ():
-                self._metrics.stage_seconds.labels(stage).observe(seconds)
+            self._metrics.render(kind, outcome).inc()
         request = call.request
         image_text, scene_text = "not understood", ""
         if request is not None:
@@ -236,7 +293,7 @@ class RenderService:
                 end_time=time.time(),
                 status=status,
                 seconds=time.perf_counter() - call.start_time,
-                queue_seconds=dict(image.stage_seconds)["queue"] if image is not None else 0.0,
+                queue_seconds=image.stage_seconds[0][1] if image is not None else 0.0,
                 image_text=image_text,
                 scene_text=scene_text,
                 kind=request.image_type if request is not None else "",
@@ -267,5 +324,5 @@ class RenderService:
 
 
 def _request_id() -> str:
-    """Return the id of the current request, which ``RequestContext`` gave it."""
+    """Return the id of the current request, which ``Edge`` gave it."""
     return str(structlog.contextvars.get_contextvars().get("request_id", ""))

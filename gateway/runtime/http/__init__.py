@@ -3,9 +3,9 @@
 From the connection inwards:
 
 - ``http_server``: servers and ports.
-- ``http_protocol``, ``websocket_protocol``: limits per connection.
-- ``middleware``: request ids, log lines, metrics, HEAD, path prefix, early responses.
-- ``security``, with ``access``, ``tokens`` and ``grpc_tokens``: access control.
+- ``http_protocol``, ``websocket_protocol``: limits per connection; with ``sliced_reads`` and ``joined_head``.
+- ``edge``: request ids, log lines, metrics, HEAD, early responses. ``path_prefix``.
+- ``security``, with ``protection``, ``access``, ``tokens`` and ``grpc_tokens``: access control.
 - ``error_handlers``, ``plain_error_route``, ``disconnect``: responses to errors, and clients that disconnect.
 - ``health``, ``pages``: routes. ``start_gate``: requests during the start.
 - ``interface_names``: names for people. ``section_files``: responses with the recent motion in a file.

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import ipaddress
 import time
-from collections.abc import Awaitable, Callable, Collection
+from collections.abc import Callable, Collection
 from typing import Final
 from urllib.parse import parse_qsl, quote, urlencode, urlsplit
 
 from starlette.datastructures import Headers
 from starlette.responses import PlainTextResponse, Response
-from starlette.types import ASGIApp, Receive, Scope, Send
+from starlette.types import Scope
 
 from gateway.runtime.http.error_handlers import redirect
 from gateway.runtime.http.tokens import COOKIE_SECONDS, Tokens
@@ -29,12 +29,18 @@ POLICY_VIOLATION: Final = 1008
 """WebSocket close code; before the handshake is complete the client gets 403."""
 
 
+_NO_TOKEN: Final = PlainTextResponse(
+    "A token is needed: 'Authorization: Bearer TOKEN', or ?token=TOKEN once in a browser.\n",
+    401,
+    {"WWW-Authenticate": 'Bearer realm="scenegate"', "Cache-Control": "no-store"},
+)
+
+
 class Access:
-    """ASGI middleware: respond with 401 without a token, before the body is read."""
+    """Refuses requests without a token: 401."""
 
     def __init__(
         self,
-        app: ASGIApp,
         *,
         tokens: Tokens,
         open_paths: Collection[str] = (),
@@ -47,15 +53,13 @@ class Access:
             cookie_path: path for which browsers send the cookie: that of the gateway on the host that they see.
             clock: returns Unix time in seconds, for the age of cookies.
         """
-        self._app = app
         self._tokens = tokens
         self._open_paths = open_paths
         self._cookie_path = cookie_path
         self._clock = clock
 
-    def __call__(self, scope: Scope, receive: Receive, send: Send) -> Awaitable[None]:
-        if scope["type"] == "lifespan":
-            return self._app(scope, receive, send)
+    def refusal(self, scope: Scope) -> Response | None:
+        """Return the response to a request or WebSocket handshake that is refused; None if it is not."""
         headers = Headers(scope=scope)
         authorized = self._tokens.accept_header(headers.get("authorization", "")) or self._tokens.accept_cookie(
             _cookie(headers), self._clock()
@@ -64,10 +68,8 @@ class Access:
         if is_open:
             scope[AUTHORIZED] = authorized
         if is_open or authorized:
-            return self._app(scope, receive, send)
-        if scope["type"] == "websocket":
-            return send({"type": "websocket.close", "code": POLICY_VIOLATION, "reason": "a token is needed"})
-        return self._redirect_or_reject(scope)(scope, receive, send)
+            return None
+        return _NO_TOKEN if scope["type"] == "websocket" else self._redirect_or_reject(scope)
 
     def _redirect_or_reject(self, scope: Scope) -> Response:
         """Return a redirect that sets the cookie if the query has a valid token, else 401."""
@@ -91,11 +93,7 @@ class Access:
             response.headers["Cache-Control"] = "no-store"
             response.headers["Referrer-Policy"] = "no-referrer"
             return response
-        return PlainTextResponse(
-            "A token is needed: 'Authorization: Bearer TOKEN', or ?token=TOKEN once in a browser.\n",
-            401,
-            {"WWW-Authenticate": 'Bearer realm="scenegate"', "Cache-Control": "no-store"},
-        )
+        return _NO_TOKEN
 
 
 def _cookie(headers: Headers) -> str:

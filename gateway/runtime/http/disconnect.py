@@ -9,6 +9,8 @@ from typing import Any, Final, TypeVar
 from starlette.requests import ClientDisconnect, Request
 from starlette.types import Message
 
+from gateway.runtime.http.http_protocol import CONNECTION, BoundedHttpProtocol
+
 T = TypeVar("T")
 
 CLIENT_GONE: Final = 499
@@ -26,6 +28,9 @@ async def while_connected(http: Request, work: Coroutine[Any, Any, T]) -> T:
         Exception: raised by ``work``.
     """
 
+    connection: BoundedHttpProtocol | None = http.scope.get(CONNECTION)
+    if connection is not None:
+        return await _while_open(connection, work)
     work_task = asyncio.ensure_future(work)
     receive_task: asyncio.Future[Message] | None = None
     try:
@@ -40,3 +45,22 @@ async def while_connected(http: Request, work: Coroutine[Any, Any, T]) -> T:
         if receive_task is not None:
             receive_task.cancel()
         del work_task  # a reference cycle otherwise: task, its exception, the traceback, this frame
+
+
+async def _while_open(connection: BoundedHttpProtocol, work: Coroutine[Any, Any, T]) -> T:
+    """``while_connected`` without further tasks: the connection cancels this one."""
+    task = asyncio.current_task()
+    assert task is not None
+    if connection.is_disconnected():
+        work.close()
+        raise ClientDisconnect
+    connection.on_disconnect = task.cancel
+    connection.flow.resume_reading()  # else the end of the connection is not seen behind a large body
+    try:
+        return await work
+    except asyncio.CancelledError:
+        if connection.is_disconnected() and task.uncancel() == 0:
+            raise ClientDisconnect from None
+        raise
+    finally:
+        connection.on_disconnect = None

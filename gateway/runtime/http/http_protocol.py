@@ -7,11 +7,18 @@ extended here; docs/decisions/0012-bounded-http-protocol.md says why, and which 
 from __future__ import annotations
 
 import asyncio
+from collections.abc import Callable
 from enum import Enum, auto
 from http import HTTPStatus
 from typing import Final
 
+import httptools
+from starlette.requests import ClientDisconnect
+from starlette.types import Scope
 from uvicorn.protocols.http.httptools_impl import HttpToolsProtocol
+
+from gateway.runtime.http.joined_head import JoinedHead
+from gateway.runtime.http.sliced_reads import SlicedReads
 
 MAX_HEAD_BYTES: Final = 64 << 10
 """Request line and headers together: Drake's client sends 200 bytes, browsers a few thousand. Also the limit for chunk
@@ -38,6 +45,14 @@ CONNECTION: Final = "scenegate.connection"
 """Key of the protocol in the scope of its requests."""
 _WHOLE_READ_BYTES: Final = 1 << 20
 """Bytes; more than a transport reads at once."""
+_BUFFER_GROWTH: Final = 16
+"""Maximum size of a body's buffer per byte that has arrived: a client that only announces bytes gets no memory. The
+first read of a large body brings 256 kB."""
+_MIN_BUFFER_BYTES: Final = 64 << 10
+"""Minimum size of such a buffer, unless the body is smaller."""
+
+OnBytes = Callable[[bytearray, int], None]
+"""Called with a body's buffer and the number of bytes in it whenever some have arrived. Raises to end the reception."""
 
 
 class State(Enum):
@@ -59,54 +74,6 @@ class State(Enum):
     """Data that is not parsed any more; the connection closes when the client does, or at a limit."""
 
 
-class SlicedReads(asyncio.Protocol):
-    """Mixin for protocols that handles each read in slices, one per iteration of the event loop.
-
-    A read brings up to 256 kB, which can hold 40,000 HTTP chunks or WebSocket frames of a few microseconds each.
-    """
-
-    loop: asyncio.AbstractEventLoop
-    transport: asyncio.Transport
-    slice_bytes: int
-    """Maximum size of the next slice."""
-    _backlog = b""
-    """Received and not yet handled. While there is some, a call of ``_resume`` is due."""
-
-    def slice_received(self, data: bytes) -> None:
-        """Handle one slice."""
-        raise NotImplementedError
-
-    def reading_paused(self) -> bool:
-        """Return True if the protocol itself has paused reading."""
-        raise NotImplementedError
-
-    def data_received(self, data: bytes) -> None:
-        """Handle the first slice now and the rest later, unless a slice is waiting already."""
-        is_waiting = bool(self._backlog)
-        self._backlog += data
-        if not is_waiting:
-            self._handle_slice()
-
-    def _handle_slice(self) -> None:
-        size = self.slice_bytes
-        data, self._backlog = self._backlog[:size], self._backlog[size:]
-        self.slice_received(data)
-        if self.transport.is_closing():
-            self._backlog = b""
-        elif self._backlog:
-            self.transport.pause_reading()
-            self.loop.call_soon(self._resume)
-
-    def _resume(self) -> None:
-        if self.transport.is_closing():
-            self._backlog = b""
-            return
-        if self._backlog:
-            self._handle_slice()
-        if not (self._backlog or self.reading_paused() or self.transport.is_closing()):
-            self.transport.resume_reading()
-
-
 class BoundedHttpProtocol(SlicedReads, HttpToolsProtocol):
     """uvicorn's HTTP protocol with a state, one timer for it, and limits."""
 
@@ -114,10 +81,17 @@ class BoundedHttpProtocol(SlicedReads, HttpToolsProtocol):
     _timer: asyncio.TimerHandle | None = None
     _chunked = False
     """True if the current body has a Transfer-Encoding."""
+    _skipping = False
+    """True while the parser gets bytes that ``receive_body`` has received already."""
+    _content_length = 0
+    """Size of the current body in bytes, if it is not chunked."""
+    on_disconnect: Callable[[], object] | None = None
+    """Called when a response cannot be sent any more."""
+    _disconnected = False
     _bytes_without_progress = 0
     """Bytes received since the last complete head or piece of a body."""
     _discarded_bytes = 0
-    _body_progressed = False
+    body_progressed = False
     """True if bytes of the body have arrived since its timer started."""
     _unanswered = 0
     """Requests without a complete response."""
@@ -129,6 +103,7 @@ class BoundedHttpProtocol(SlicedReads, HttpToolsProtocol):
     def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]  # uvicorn's is narrower
         """Refuse the connection if there are too many; else start the timer for the first head."""
         super().connection_made(transport)
+        self._responses = JoinedHead(transport)
         self._enter(State.HEAD)
         if len(self.connections) > MAX_CONNECTIONS:
             self._refuse(503, f"There are {MAX_CONNECTIONS} connections already.")
@@ -139,6 +114,7 @@ class BoundedHttpProtocol(SlicedReads, HttpToolsProtocol):
         if self._timer is not None:
             self._timer.cancel()
         super().connection_lost(exc)
+        self._disconnect()
 
     def shutdown(self) -> None:
         """Finish the request, or close the connection. The head of a first request may be on its way."""
@@ -161,7 +137,7 @@ class BoundedHttpProtocol(SlicedReads, HttpToolsProtocol):
                 return
         if state_before is State.REFUSED:
             return
-        self._body_progressed = True
+        self.body_progressed = True
         self._bytes_without_progress += len(data)
         HttpToolsProtocol.data_received(self, data)  # not super(): the method of SlicedReads calls this one
         if self._bytes_without_progress > MAX_HEAD_BYTES and self.state is not State.REFUSED:
@@ -180,6 +156,7 @@ class BoundedHttpProtocol(SlicedReads, HttpToolsProtocol):
         self._bytes_without_progress = 0
         headers = dict(self.headers)
         self._chunked = b"transfer-encoding" in headers
+        self._content_length = int(headers.get(b"content-length", b"0"))  # the parser accepts digits only
         # uvicorn ignores the body of a WebSocket handshake.
         if self.parser.should_upgrade() and (self._chunked or headers.get(b"content-length", b"0") != b"0"):
             self._stop_parser("A request with a body cannot ask for another protocol (Upgrade) here.")
@@ -189,13 +166,61 @@ class BoundedHttpProtocol(SlicedReads, HttpToolsProtocol):
         self.scope["headers"] = [*self.headers]  # without trailers, since a proxy may not have checked them
         self.scope[CONNECTION] = self  # type: ignore[typeddict-unknown-key]
         super().on_headers_complete()
+        self.cycle.transport = self._responses  # type: ignore[assignment]  # the part of a transport that a cycle uses
         self._unanswered += 1
         self._enter(State.BODY)
 
     def on_body(self, body: bytes) -> None:
         """Hand a piece of the body to the application."""
         self._bytes_without_progress = 0
-        super().on_body(body)
+        if not self._skipping:
+            super().on_body(body)
+
+    async def receive_body(self, scope: Scope, on_bytes: OnBytes) -> bytearray | None:
+        """Return the whole body of a request, read from the socket into one buffer without the parser.
+
+        Returns:
+            None for a chunked body, and for a request that is not the newest one of its connection.
+
+        Raises:
+            ClientDisconnect: the client disconnected.
+            Exception: raised by ``on_bytes``.
+        """
+        cycle = self.cycle
+        # Middleware may have replaced the scope, but not its headers.
+        if self._chunked or cycle.scope["headers"] is not scope["headers"] or cycle.disconnected:
+            return None
+        parsed, cycle.body = cycle.body, bytearray()
+        if not cycle.more_body:
+            on_bytes(parsed, len(parsed))
+            return parsed
+        length = self._content_length
+        missing = length - len(parsed)
+        receiver = BodyReceiver(self, parsed, self._backlog[:missing], length, on_bytes)
+        self._backlog = self._backlog[missing:]
+        self.flow.resume_reading()
+        if cycle.waiting_for_100_continue:
+            self.transport.write(b"HTTP/1.1 100 Continue\r\n\r\n")
+            cycle.waiting_for_100_continue = False
+        receiver.start()
+        try:
+            return await receiver.body
+        finally:
+            receiver.stop()
+            del receiver.body  # the traceback of its exception refers to the receiver
+
+    def skip_to_end(self) -> None:
+        """Go on behind the end of a body that the parser has not seen."""
+        self.parser = httptools.HttpRequestParser(self)
+        self.parser.set_dangerous_leniencies(lenient_data_after_close=True)  # as uvicorn does
+        self.on_message_complete()
+
+    def skip(self, piece: memoryview) -> None:
+        """Go on behind a piece of a body that the parser has not seen; the application gets nothing of it."""
+        self._skipping = True
+        for start in range(0, len(piece), _WHOLE_READ_BYTES):
+            self.parser.feed_data(piece[start : start + _WHOLE_READ_BYTES])
+        self._skipping = False
 
     def on_message_complete(self) -> None:
         """Wait for the next request."""
@@ -205,6 +230,7 @@ class BoundedHttpProtocol(SlicedReads, HttpToolsProtocol):
 
     def on_response_complete(self) -> None:
         """Start the next request of the pipeline, or a refusal that waited for this response."""
+        self._responses.flush()
         super().on_response_complete()
         self._unanswered -= 1
         if self.transport.is_closing():
@@ -256,6 +282,16 @@ class BoundedHttpProtocol(SlicedReads, HttpToolsProtocol):
         else:
             self.cycle.disconnected = True
             self.cycle.message_event.set()
+            self._disconnect()
+
+    def is_disconnected(self) -> bool:
+        """Return True if a response cannot be sent any more."""
+        return self._disconnected
+
+    def _disconnect(self) -> None:
+        self._disconnected = True
+        if self.on_disconnect is not None:
+            self.on_disconnect()
 
     def _send_refusal(self) -> None:
         """Respond and close the sending side only: closing both could discard the response on its way to the client."""
@@ -273,7 +309,7 @@ class BoundedHttpProtocol(SlicedReads, HttpToolsProtocol):
         self.slice_bytes = SLICE_BYTES if parsed_bytewise else _WHOLE_READ_BYTES
         if self._timer is not None:
             self._timer.cancel()
-        self._body_progressed = False
+        self.body_progressed = False
         seconds = {
             State.IDLE: self.timeout_keep_alive,
             State.HEAD: HEAD_SECONDS,
@@ -284,10 +320,110 @@ class BoundedHttpProtocol(SlicedReads, HttpToolsProtocol):
     def _on_timeout(self) -> None:
         """Close the connection unless the gateway is what takes so long, or the body is still arriving."""
         if self.state is State.BODY:
-            keep_waiting = self._body_progressed or self.flow.read_paused
+            keep_waiting = self.body_progressed or self.flow.read_paused
         else:
             keep_waiting = self._unanswered > 0
         if keep_waiting:
             self._enter(self.state)
         else:
             self.transport.close()
+
+
+class BodyReceiver(asyncio.BufferedProtocol):
+    """Receives a body of known length into one buffer, in place of the HTTP protocol of the connection.
+
+    The parser does not see these bytes. It goes on behind the body, or behind what has arrived if the application needs
+    no more.
+    """
+
+    def __init__(
+        self, http: BoundedHttpProtocol, parsed: bytearray, unparsed: bytes, length: int, on_bytes: OnBytes
+    ) -> None:
+        """
+        Args:
+            parsed: bytes of the body that the parser has seen.
+            unparsed: further bytes that have arrived.
+            length: size of the whole body.
+        """
+        self._http = http
+        self._transport = http.transport
+        self._on_bytes = on_bytes
+        self._length = length
+        self._parsed_count = len(parsed)
+        self._count = len(parsed) + len(unparsed)
+        self._buffer = bytearray()
+        self._grow()
+        self._buffer[: len(parsed)] = parsed
+        self._buffer[len(parsed) : self._count] = unparsed
+        self._is_receiving = False
+        self.body: asyncio.Future[bytearray] = http.loop.create_future()
+        """The whole body, or the reason why it is not received."""
+
+    def start(self) -> None:
+        """Take the place of the HTTP protocol."""
+        self._is_receiving = True
+        self._replace_protocol(self)
+        self.buffer_updated(0)
+
+    def stop(self) -> None:
+        """End the reception, if it has not ended."""
+        if self._is_receiving:
+            self._is_receiving = False
+            self._http.skip(memoryview(self._buffer)[self._parsed_count : self._count])
+            self._replace_protocol(self._http)
+
+    def get_buffer(self, sizehint: int) -> memoryview:
+        """Return the free part of the buffer."""
+        return memoryview(self._buffer)[self._count :]
+
+    def buffer_updated(self, nbytes: int) -> None:
+        """Count received bytes; end the reception after the last one."""
+        self._http.body_progressed = True
+        self._count += nbytes
+        try:
+            self._on_bytes(self._buffer, self._count)
+        except Exception as error:  # noqa: BLE001 - for the application
+            self.stop()
+            if not self.body.done():  # the application is cancelled
+                self.body.set_exception(error)
+            return
+        if self._count == self._length:
+            self._is_receiving = False
+            self._replace_protocol(self._http)
+            self._http.skip_to_end()
+            if not self.body.done():
+                self.body.set_result(self._buffer)
+        elif self._count == len(self._buffer):
+            self._grow()
+
+    def connection_lost(self, exc: Exception | None) -> None:
+        """Pass the end of the connection on."""
+        self._is_receiving = False
+        self._http.connection_lost(exc)
+        if not self.body.done():
+            self.body.set_exception(ClientDisconnect())
+
+    def eof_received(self) -> None:
+        """Close the connection, as the HTTP protocol does."""
+        self._http.eof_received()
+
+    def pause_writing(self) -> None:
+        """Pass on; the response to an earlier request may still be on its way."""
+        self._http.pause_writing()
+
+    def resume_writing(self) -> None:
+        """Pass on."""
+        self._http.resume_writing()
+
+    def _grow(self) -> None:
+        """Replace the buffer by a larger one."""
+        size = max(_BUFFER_GROWTH * self._count, _MIN_BUFFER_BYTES)
+        larger = bytearray(min(self._length, size))
+        larger[: len(self._buffer)] = self._buffer
+        self._buffer = larger
+
+    def _replace_protocol(self, protocol: asyncio.BaseProtocol) -> None:
+        """Change the protocol of the transport, which may not read meanwhile."""
+        self._transport.pause_reading()
+        self._transport.set_protocol(protocol)
+        self._transport.resume_reading()

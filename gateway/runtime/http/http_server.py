@@ -42,7 +42,7 @@ def server_config(
         ws_per_message_deflate=False,  # arrays of floats hardly compress
         lifespan="on" if lifespan else "off",
         log_config=None,
-        access_log=False,  # gateway.runtime.http.middleware logs requests
+        access_log=False,  # gateway.runtime.http.edge logs requests
         server_header=False,
         timeout_keep_alive=KEEP_ALIVE_SECONDS,
         timeout_graceful_shutdown=grace_seconds,  # type: ignore[arg-type]  # a float works

@@ -5,8 +5,9 @@ from __future__ import annotations
 import os
 import socket
 import ssl
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from urllib.parse import parse_qs, urlsplit
 
@@ -16,8 +17,11 @@ from starlette.middleware.cors import CORSMiddleware
 
 from gateway.runtime.http import health
 from gateway.runtime.http.access import CORS_EXPOSED, Access, is_loopback
-from gateway.runtime.http.middleware import Protection
+from gateway.runtime.http.edge import Edge
+from gateway.runtime.http.protection import Protection
+from gateway.runtime.http.start_gate import StartGate
 from gateway.runtime.http.tokens import TokenError, Tokens, read_tokens
+from gateway.runtime.logs.metrics_registry import Metrics
 from gateway.runtime.settings import Settings, SettingsError
 
 _log = structlog.get_logger("gateway")
@@ -61,25 +65,41 @@ class Security:
             return None
         return self.settings.http_certificate, self.settings.http_key
 
-    def protect(self, app: FastAPI) -> None:
-        """Add middleware: token, CORS, and protection from pages of other sites."""
+    def protect(
+        self,
+        app: FastAPI,
+        *,
+        metrics: Metrics | None = None,
+        quiet_paths: Collection[str] = (),
+        gate: StartGate | None = None,
+    ) -> None:
+        """Add the edge to an application, with token, CORS, and protection from pages of other sites.
+
+        Args:
+            metrics, quiet_paths, gate: see ``Edge``.
+        """
+        settings, access, cors = self.settings, None, None
         if self.http is not None:
-            cookie_path = self.settings.root_path or "/"
-            app.add_middleware(Access, tokens=self.http, open_paths=health.OPEN_PATHS, cookie_path=cookie_path)
-        if self.settings.cors_origins:
-            # Outside of the token check: browsers send preflight requests without it.
-            app.add_middleware(
+            access = Access(tokens=self.http, open_paths=health.OPEN_PATHS, cookie_path=settings.root_path or "/")
+        if settings.cors_origins:
+            cors = partial(
                 CORSMiddleware,
-                allow_origins=list(self.settings.cors_origins),
+                allow_origins=list(settings.cors_origins),
                 allow_methods=["GET", "HEAD", "POST", "PUT", "DELETE"],
                 allow_headers=["*"],
                 expose_headers=list(CORS_EXPOSED),
             )
+        protection = Protection(
+            hosts=settings.trusted_hosts, origins=settings.cors_origins, frame_origins=settings.frame_origins
+        )
         app.add_middleware(
-            Protection,
-            hosts=self.settings.trusted_hosts,
-            origins=self.settings.cors_origins,
-            frame_origins=self.settings.frame_origins,
+            Edge,
+            metrics=metrics,
+            quiet_paths=quiet_paths,
+            protection=protection,
+            cors=cors,
+            access=access,
+            gate=gate,
         )
 
     def log_exposure(self) -> None:

@@ -1,13 +1,13 @@
-"""ASGI middleware that holds requests until the gateway has started, and the page that browsers show meanwhile."""
+"""Holds requests until the gateway has started, and the page that browsers show meanwhile."""
 
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Awaitable, Callable, Collection
+from collections.abc import Callable, Collection
 from typing import Final
 
-from starlette.responses import HTMLResponse, PlainTextResponse
-from starlette.types import ASGIApp, Receive, Scope, Send
+from starlette.responses import HTMLResponse, PlainTextResponse, Response
+from starlette.types import Scope
 
 from gateway.runtime.kernels.progress import KernelProgress
 
@@ -59,7 +59,6 @@ class StartGate:
 
     def __init__(
         self,
-        app: ASGIApp,
         *,
         started: asyncio.Event,
         problem: Callable[[], str],
@@ -73,31 +72,27 @@ class StartGate:
             open_paths: paths of requests that are served during the start.
             progress: returns the progress of compiling the kernels; None in other phases of the start.
         """
-        self._app = app
         self._started = started
         self._problem = problem
         self._open_paths = open_paths
         self._progress = progress
 
-    def __call__(self, scope: Scope, receive: Receive, send: Send) -> Awaitable[None]:
-        if scope["type"] == "lifespan" or scope["path"] in self._open_paths:
-            return self._app(scope, receive, send)
-        if not self._started.is_set():
-            return self._respond_after_start(scope, receive, send)
-        if scope["type"] == "http" and (problem := self._problem()):
-            text = f"The gateway did not start: {problem}\n"
-            return PlainTextResponse(text, status_code=503)(scope, receive, send)
-        return self._app(scope, receive, send)
+    def is_open(self, scope: Scope) -> bool:
+        """Return True if a request or WebSocket handshake need not wait and will not be refused."""
+        return (self._started.is_set() and not self._problem()) or scope["path"] in self._open_paths
 
-    async def _respond_after_start(self, scope: Scope, receive: Receive, send: Send) -> None:
-        # Only browsers that open a page list HTML in Accept.
-        accepts_html = any(name == b"accept" and b"text/html" in value for name, value in scope["headers"])
-        if scope["type"] == "http" and scope["method"] == "GET" and accepts_html:
-            headers = {"Retry-After": "1", "Cache-Control": "no-store"}
-            await HTMLResponse(_starting_page(self._progress()), 503, headers)(scope, receive, send)
-            return
-        await self._started.wait()
-        await self(scope, receive, send)
+    async def refusal(self, scope: Scope) -> Response | None:
+        """Wait for the start; return the response if the gateway did not start, or to a browser at once."""
+        if not self._started.is_set():
+            # Only browsers that open a page list HTML in Accept.
+            accepts_html = any(name == b"accept" and b"text/html" in value for name, value in scope["headers"])
+            if scope["type"] == "http" and scope["method"] == "GET" and accepts_html:
+                headers = {"Retry-After": "1", "Cache-Control": "no-store"}
+                return HTMLResponse(_starting_page(self._progress()), 503, headers)
+            await self._started.wait()
+        if scope["type"] == "http" and (problem := self._problem()):
+            return PlainTextResponse(f"The gateway did not start: {problem}\n", status_code=503)
+        return None
 
 
 def _starting_page(progress: KernelProgress | None) -> str:

@@ -10,7 +10,7 @@ from typing import Final
 from uvicorn.protocols.websockets.websockets_sansio_impl import WebSocketsSansIOProtocol
 from websockets.frames import CloseCode, Frame
 
-from gateway.runtime.http.http_protocol import SlicedReads
+from gateway.runtime.http.sliced_reads import SlicedReads
 
 MAX_FRAGMENTS: Final = 64
 """Fragments of a message: empty ones take memory too, and do not count against its size."""

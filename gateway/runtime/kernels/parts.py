@@ -43,7 +43,7 @@ class KernelPart:
 
     def compile_or_load(self) -> None:
         """Compile the kernels, or load them from the cache."""
-        for module in ("renderers.fxaa", "renderers.raster", *self.modules):
+        for module in ("renderers.depth_range", "renderers.fxaa", "renderers.raster", *self.modules):
             package = import_module(module)
             for each in walk_packages(getattr(package, "__path__", ()), f"{module}."):
                 import_module(each.name)
@@ -75,7 +75,7 @@ NEEDED: Final[Mapping[str, KernelPart]] = {
     "coverage": KernelPart(49, _COVERAGE),
     "frame": KernelPart(34, ("renderers.raster",), excluding=(*_SETUP, *_COVERAGE, *_ANTIALIASING, *_NORMALS)),
     "images": KernelPart(
-        10,
+        11,
         ("renderers",),
         excluding=("renderers.raster", "renderers.stereo", *_HEADLIGHT, *_ATTRIBUTES, *_STUDIO, *_NORMALS),
     ),

@@ -62,6 +62,9 @@ def configure(
             processors=[structlog.stdlib.ProcessorFormatter.remove_processors_meta, *last],
         )
     )
+    # Our lines name no thread, process or place in the code; finding them takes a fifth of the time for a line.
+    logging.logThreads = logging.logMultiprocessing = logging.logProcesses = False
+    logging._srcfile = None  # noqa: SLF001 - as the documentation of logging recommends
     root = logging.getLogger()
     root.handlers[:] = [handler]
     root.setLevel(level.upper())
@@ -71,7 +74,7 @@ def configure(
     uvicorn = logging.getLogger("uvicorn.error")
     uvicorn.setLevel(max(uvicorn.level, root.level) if log_uvicorn else logging.WARNING)
     # The uvicorn command adds handlers to its loggers; the root's handler replaces them. The access log is off, as with
-    # --no-access-log: gateway.runtime.http.middleware logs a line with the request's id.
+    # --no-access-log: gateway.runtime.http.edge logs a line with the request's id.
     for name, propagate in (("uvicorn", True), ("uvicorn.error", True), ("uvicorn.access", False)):
         logger = logging.getLogger(name)
         logger.handlers[:], logger.propagate = [], propagate

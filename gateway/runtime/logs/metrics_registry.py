@@ -1,13 +1,13 @@
 """Prometheus metrics, in a registry per application so that two in one process do not collide."""
 
 from collections.abc import Callable, Iterator, Mapping
+from functools import lru_cache
 from typing import Final
 
 from prometheus_client import (
     CONTENT_TYPE_LATEST,
     CollectorRegistry,
     Counter,
-    Gauge,
     Histogram,
     PlatformCollector,
     ProcessCollector,
@@ -49,12 +49,7 @@ class Metrics(Collector):
             buckets=_SECONDS,
             registry=self.registry,
         )
-        self.in_flight = Gauge(
-            "scenegate_http_requests_in_flight",
-            "HTTP requests received and not yet fully answered.",
-            registry=self.registry,
-        )
-
+        self.requests_in_flight = 0
         self.renders = Counter(
             "scenegate_renders_total",
             "Requests of the render endpoint, by type of image and by outcome: ok, rejected (a bad request), "
@@ -64,14 +59,25 @@ class Metrics(Collector):
         )
         self.stage_seconds = Histogram(
             "scenegate_render_stage_duration_seconds",
-            "Seconds that a render request spent in a stage: queue (waiting for a worker thread), parse (reading the "
-            "scene), render (drawing) or encode (compressing the image).",
+            "Seconds that a render request spent in a stage: receive (from head to last byte), form "
+            "(reading the form), queue (waiting for a worker thread), parse (reading the scene), render (drawing), "
+            "encode (compressing the image, until the response is ready) or send (until the system has taken it).",
             ("stage",),
             buckets=_SECONDS,
             registry=self.registry,
         )
+        # Finding a metric by its labels takes longer than counting.
+        self.request = lru_cache(maxsize=256)(self.requests.labels)
+        self.request_seconds = lru_cache(maxsize=256)(self.seconds.labels)
+        self.render = lru_cache(maxsize=64)(self.renders.labels)
+        self.stage = lru_cache(maxsize=16)(self.stage_seconds.labels)
         self._watched: list[tuple[str, str, Callable[[], Reading], str]] = []
         """Arguments of ``watch``."""
+        self.watch(
+            "scenegate_http_requests_in_flight",
+            "HTTP requests received and not yet fully answered.",
+            lambda: self.requests_in_flight,
+        )
         self.registry.register(self)
 
     def watch(self, name: str, description: str, read: Callable[[], Reading], *, label: str = "") -> None:

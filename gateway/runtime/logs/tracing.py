@@ -19,8 +19,13 @@ span: Callable[..., AbstractContextManager[object]]
 """``Tracer.start_as_current_span``: returns a context manager that is a span below the current one.
 
 An error that leaves it becomes the status of the span, without its traceback, which may hold data of clients. Names are
-few; what differs between calls is an attribute. Without a provider, a span takes 4 µs.
+few; what differs between calls is an attribute. Without a provider it does nothing: OpenTelemetry's own way to do
+nothing takes 30 calls.
 """
+
+
+def _no_span(name: str, **_: object) -> AbstractContextManager[object]:
+    return _NOTHING
 
 
 def use(provider: TracerProvider | None) -> None:
@@ -28,7 +33,7 @@ def use(provider: TracerProvider | None) -> None:
     global _provider, tracer, span
     _provider = provider
     tracer = provider.get_tracer("scenegate") if provider is not None else NoOpTracer()
-    span = partial(tracer.start_as_current_span, record_exception=False)
+    span = partial(tracer.start_as_current_span, record_exception=False) if provider is not None else _no_span
 
 
 def provider() -> TracerProvider | None:

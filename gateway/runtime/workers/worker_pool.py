@@ -19,7 +19,7 @@ import time
 import traceback
 from collections import deque
 from collections.abc import Callable
-from concurrent.futures import Future
+from contextlib import suppress
 from dataclasses import dataclass, field
 from functools import partial
 from typing import Any, Final, ParamSpec, TypeVar
@@ -79,12 +79,27 @@ class PoolStats:
 class _Call:
     function: Callable[[], Any]
     nbytes: int
-    future: Future[Any] = field(default_factory=Future)
+    future: asyncio.Future[Any]
+    """Belongs to the event loop of the caller."""
     context: contextvars.Context = field(default_factory=contextvars.copy_context)
     stop: StopFlag = field(default_factory=partial(StopFlag, waits=False))
     queue_span: trace.Span = trace.INVALID_SPAN
     started: float = 0.0
     """Monotonic time at which the call began to run, seconds."""
+
+    def end(self, result: Any, error: BaseException | None) -> None:
+        """Give the caller the result or the error, from any thread."""
+        with suppress(RuntimeError):  # its event loop has ended
+            self.future.get_loop().call_soon_threadsafe(_resolve, self.future, result, error)
+
+
+def _resolve(future: asyncio.Future[Any], result: Any, error: BaseException | None) -> None:
+    if future.done():  # cancelled
+        return
+    if error is None:
+        future.set_result(result)
+    else:
+        future.set_exception(error)
 
 
 class WorkerPool:
@@ -163,12 +178,14 @@ class WorkerPool:
         """
         function = partial(fn, *args, **kwargs)
         while True:
-            call = _Call(function, nbytes)
-            if trace.get_current_span().is_recording():  # the span of the queue would be alone otherwise
+            call = _Call(function, nbytes, asyncio.get_running_loop().create_future())
+            if (
+                tracing.provider() is not None and trace.get_current_span().is_recording()
+            ):  # the span of the queue would be alone otherwise
                 call.queue_span = tracing.tracer.start_span("queue")
             self._submit(call)
             try:
-                result: T = await asyncio.wrap_future(call.future)
+                result: T = await call.future
                 return result
             except asyncio.CancelledError:
                 self._abandon(call)
@@ -292,8 +309,7 @@ class WorkerPool:
             self._waiting.clear()
             self._waiting_bytes = 0
         for call in waiting:
-            if call.future.set_running_or_notify_cancel():
-                call.future.set_exception(PoolClosed("the server shut down before the request's turn came"))
+            call.end(None, PoolClosed("the server shut down before the request's turn came"))
         for call in running:
             call.stop.set(PoolClosed("the server shut down before the result was ready"))
         return await asyncio.to_thread(self._all_ended.wait, STOPPING_SECONDS)
@@ -353,10 +369,7 @@ class WorkerPool:
                 self._running.remove(call)
                 self._done += 1
                 self._mean_seconds += (seconds - self._mean_seconds) * (_SMOOTHING if self._mean_seconds else 1.0)
-            if error is None:
-                call.future.set_result(result)
-            else:
-                call.future.set_exception(error)
+            call.end(result, error)
             del call, result, error
 
     def _next_call(self, thread: threading.Thread) -> _Call | None:
@@ -373,11 +386,10 @@ class WorkerPool:
                     return None
                 call = self._waiting.popleft()
                 self._waiting_bytes -= call.nbytes
-                if call.future.set_running_or_notify_cancel():
-                    call.queue_span.end()
-                    call.started = time.monotonic()
-                    self._running.add(call)
-                    return call
+                call.queue_span.end()
+                call.started = time.monotonic()
+                self._running.add(call)
+                return call
 
     def _remove(self, thread: threading.Thread) -> None:
         """Count a thread as ended. The lock is held since the decision: ``give_way`` must not count on the thread."""

@@ -39,7 +39,7 @@ async def test_three_image_types(start: Start, watched: WatchedRenderer) -> None
     for response in (color, depth, label):
         assert int(response.headers["content-length"]) == len(response.content)
         stages = [stage.split(";")[0] for stage in response.headers["server-timing"].split(", ")]
-        assert stages == ["queue", "parse", "render", "encode"]
+        assert stages == ["receive", "form", "queue", "parse", "render", "encode"]
     assert all(0 <= record.queue_seconds <= record.seconds for record in server.records)
     assert decoded(color).shape == (48, 64, 3)
     assert (decoded(color) == (204, 229, 255)).all()

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import dataclasses
 import hashlib
 import math
+import re
 from base64 import b64encode
 from itertools import pairwise
 from typing import Any
@@ -26,10 +28,37 @@ SCENE = b'{"asset":{"version":"2.0"}}'
 def read(
     data: bytes, content_type: str = CONTENT_TYPE, *, config: RenderConfig = CONFIG, step: int = 0
 ) -> RenderRequest:
-    reader = FormReader(content_type, config)
-    for start in range(0, len(data), step or len(data) or 1):
-        reader.feed(data[start : start + (step or len(data))])
-    return reader.request()
+    """Feed a body in pieces. Reading it in a buffer has the same result."""
+    outcome = in_buffer(data, content_type, config, step)
+    try:
+        reader = FormReader(content_type, config)
+        for start in range(0, len(data), step or len(data) or 1):
+            reader.feed(data[start : start + (step or len(data))])
+        request = reader.request()
+    except RequestError as error:
+        assert outcome == (error.status, without_position(error.sentence))
+        raise
+    assert outcome == dataclasses.asdict(request)
+    return request
+
+
+def in_buffer(data: bytes, content_type: str, config: RenderConfig, step: int) -> dict[str, Any] | tuple[int, str]:
+    """The request that a body in a buffer is read as, or the error."""
+    buffer = bytearray(len(data))
+    try:
+        reader = FormReader(content_type, config)
+        for start in range(0, len(data), step or len(data) or 1):
+            end = min(start + (step or len(data)), len(data))
+            buffer[start:end] = data[start:end]
+            reader.read(buffer, end)
+        return dataclasses.asdict(reader.request(buffer))
+    except RequestError as error:
+        return error.status, without_position(error.sentence)
+
+
+def without_position(sentence: str) -> str:
+    """An error without the parser's position in the piece that it was fed."""
+    return re.sub(r" at \d+$| \(\d+\)$", "", sentence)
 
 
 def refused(data: bytes, content_type: str = CONTENT_TYPE, *, config: RenderConfig = CONFIG) -> str:

@@ -13,8 +13,9 @@ from starlette.responses import PlainTextResponse
 from starlette.routing import Route
 
 from gateway.runtime.http.access import COOKIE_NAME, Access, host_name, same_origin
+from gateway.runtime.http.edge import Edge
 from gateway.runtime.http.error_handlers import not_allowed, not_found
-from gateway.runtime.http.middleware import Protection
+from gateway.runtime.http.protection import Protection
 from gateway.runtime.http.tokens import COOKIE_SECONDS, Tokens
 
 TOKEN, OTHER = "0123456789abcdef", "fedcba9876543210"
@@ -28,7 +29,10 @@ async def hello(request: Request) -> PlainTextResponse:
 
 def client(server: tuple[str, int] | None = None, **hosts: Any) -> httpx2.AsyncClient:
     app: Any = Starlette(routes=[Route("/{path:path}", hello)])
-    app = Protection(app, **hosts) if hosts or server else Access(app, tokens=TOKENS, open_paths={"/healthz"})
+    if hosts or server:
+        app = Edge(app, protection=Protection(**hosts))
+    else:
+        app = Edge(app, access=Access(tokens=TOKENS, open_paths={"/healthz"}))
 
     async def at(scope: Any, receive: Any, send: Any) -> None:
         await app({**scope, "server": server} if server else scope, receive, send)
@@ -67,7 +71,8 @@ async def test_cookie_ends_with_its_token_and_expires() -> None:
     now = NOW
 
     def gateway(*tokens: str) -> httpx2.AsyncClient:
-        app = Access(Starlette(routes=[Route("/view", hello)]), tokens=Tokens(*tokens), clock=lambda: now)
+        access = Access(tokens=Tokens(*tokens), clock=lambda: now)
+        app = Edge(Starlette(routes=[Route("/view", hello)]), access=access)
         return httpx2.AsyncClient(transport=httpx2.ASGITransport(app=app), base_url="http://here")
 
     async with gateway(OTHER, TOKEN) as http:
@@ -82,9 +87,9 @@ async def test_cookie_ends_with_its_token_and_expires() -> None:
         assert (await http.get("/view", headers=asked)).status_code == 401
 
 
-def behind(middleware: Any, scheme: str = "http", **options: Any) -> httpx2.AsyncClient:
+def behind(scheme: str = "http", **options: Any) -> httpx2.AsyncClient:
     routes = [Route("/{path:path}", hello, methods=["GET", "POST", "PUT", "DELETE"])]
-    app = middleware(Starlette(routes=routes), **options)
+    app = Edge(Starlette(routes=routes), protection=Protection(**options))
     return httpx2.AsyncClient(transport=httpx2.ASGITransport(app=app), base_url=f"{scheme}://here:8000")
 
 
@@ -112,7 +117,7 @@ def behind(middleware: Any, scheme: str = "http", **options: Any) -> httpx2.Asyn
     ],
 )
 async def test_cross_site_requests_with_side_effects_are_refused(headers: dict[str, str], allowed: bool) -> None:
-    async with behind(Protection, origins=("https://dashboard.example",)) as http:
+    async with behind(origins=("https://dashboard.example",)) as http:
         for method in ("POST", "PUT", "DELETE", "PATCH"):
             answer = await http.request(method, "/", headers=headers)
             assert (answer.status_code != 403) is allowed, method
@@ -133,7 +138,7 @@ async def test_cross_site_requests_with_side_effects_are_refused(headers: dict[s
 async def test_pages_of_other_sites_get_no_images(
     origins: tuple[str, ...], headers: dict[str, str], allowed: bool
 ) -> None:
-    async with behind(Protection, origins=origins) as http:
+    async with behind(origins=origins) as http:
         answer = await http.get("/", headers=headers)
     assert (answer.status_code == 200) is allowed
     assert answer.headers["cross-origin-resource-policy"] == ("cross-origin" if origins else "same-site")
@@ -141,19 +146,19 @@ async def test_pages_of_other_sites_get_no_images(
 
 @pytest.mark.parametrize("second", ["http://here:8000", "http://evil.example"])
 async def test_several_origins_are_refused(second: str) -> None:
-    async with behind(Protection) as http:
+    async with behind() as http:
         answer = await http.post("/", headers=[("Origin", "http://here:8000"), ("Origin", second)])
         assert answer.status_code == 403
 
 
 async def test_wildcard_origin_allows_cross_site_requests() -> None:
-    async with behind(Protection, origins=("*",)) as http:
+    async with behind(origins=("*",)) as http:
         for headers in ({"Origin": "null"}, {"Sec-Fetch-Site": "cross-site"}):
             assert (await http.post("/", headers=headers)).status_code == 200
 
 
 async def test_refusal_quotes_the_origin_shortened_and_escaped() -> None:
-    async with behind(Protection) as http:
+    async with behind() as http:
         answer = await http.post("/", headers={b"Origin": b"http://\xff\x1b[31m" + b"x" * 5000})
     assert len(answer.content) < 300
     assert answer.content.isascii()
@@ -200,14 +205,14 @@ LOCAL = "http://localhost:* http://127.0.0.1:*"
     ],
 )
 async def test_headers_against_frames_and_content_sniffing(origins: tuple[str, ...], ancestors: str) -> None:
-    async with behind(Protection, frame_origins=origins) as http:
+    async with behind(frame_origins=origins) as http:
         headers = (await http.get("/")).headers
     assert headers["content-security-policy"] == f"frame-ancestors {ancestors}"
     assert headers["x-content-type-options"] == "nosniff"
 
 
 async def test_origins_may_embed_pages_and_refusals_have_the_headers_too() -> None:
-    async with behind(Protection, origins=("https://a.example",), frame_origins=("https://b.example",)) as http:
+    async with behind(origins=("https://a.example",), frame_origins=("https://b.example",)) as http:
         refused = await http.post("/", headers={"Origin": "https://b.example"})
     assert refused.status_code == 403
     assert refused.headers["content-security-policy"].endswith("https://a.example https://b.example")
@@ -240,7 +245,7 @@ async def test_websocket_requires_the_token() -> None:
     async def receive() -> Any:
         raise AssertionError
 
-    access = Access(inner, tokens=TOKENS, clock=lambda: NOW)
+    access = Edge(inner, access=Access(tokens=TOKENS, clock=lambda: NOW))
     scope = {"type": "websocket", "path": "/view/ws", "headers": [], "query_string": f"token={TOKEN}".encode()}
     await access(scope, receive, send)
     cookie = [(b"cookie", f"other=1; {COOKIE_NAME}={TOKENS.cookie(TOKEN, NOW)}".encode())]

@@ -13,8 +13,8 @@ from fastapi.exceptions import RequestValidationError
 from starlette.requests import Request
 from starlette.responses import JSONResponse, PlainTextResponse, StreamingResponse
 
+from gateway.runtime.http.edge import Edge
 from gateway.runtime.http.error_handlers import invalid_parameters, not_allowed
-from gateway.runtime.http.middleware import HeadAsGet, RequestContext
 from gateway.runtime.logs.metrics_registry import Metrics
 from tests.runtime.http.listening import listening
 from tests.support.waiting import SECONDS
@@ -28,8 +28,7 @@ class World:
         self.app = FastAPI()
         self.app.add_exception_handler(405, not_allowed)
         self.app.add_exception_handler(RequestValidationError, invalid_parameters)
-        self.app.add_middleware(HeadAsGet)
-        self.app.add_middleware(RequestContext, metrics=self.metrics)
+        self.app.add_middleware(Edge, metrics=self.metrics)
 
         @self.app.get("/thing/{name}")
         async def thing(name: str, request: Request) -> JSONResponse:

@@ -16,6 +16,7 @@ from gateway import __version__
 from gateway.app import create_app
 from gateway.runtime.http import health
 from gateway.runtime.http.access import Access
+from gateway.runtime.http.edge import Edge
 from gateway.runtime.http.tokens import Tokens
 from gateway.runtime.logs.metrics_registry import Metrics
 from gateway.runtime.service_registry import ServiceRegistry
@@ -40,7 +41,7 @@ def client(*, token: bool) -> httpx2.AsyncClient:
     app = FastAPI()
     app.include_router(health.router(registry, Metrics(), "1.2.3"))
     if token:
-        app.add_middleware(Access, tokens=Tokens(TOKEN), open_paths=health.OPEN_PATHS)
+        app.add_middleware(Edge, access=Access(tokens=Tokens(TOKEN), open_paths=health.OPEN_PATHS))
     return httpx2.AsyncClient(transport=httpx2.ASGITransport(app=app), base_url="http://here")
 
 

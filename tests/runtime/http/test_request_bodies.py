@@ -12,6 +12,7 @@ from fastapi import FastAPI, Request, Response
 from starlette.requests import ClientDisconnect
 
 from gateway.runtime.http.disconnect import while_connected
+from gateway.runtime.http.http_protocol import CONNECTION, BoundedHttpProtocol
 from tests.runtime.http.listening import listening
 from tests.support.waiting import SECONDS, until
 
@@ -28,15 +29,28 @@ class Application:
     """Bytes after which a request is rejected."""
     hold: asyncio.Event | None = None
     """Awaited before the response."""
+    whole: bool = False
+    """True: bodies of known length are received into one buffer."""
 
     async def __call__(self, http: Request) -> Response:
         body = bytearray()
+
+        def count(total: int) -> None:
+            self.received += total - before[-1]
+            before.append(total)
+            if self.reject_at is not None and total >= self.reject_at:
+                raise ValueError
+
+        before = [0]
         try:
+            connection: BoundedHttpProtocol = http.scope[CONNECTION]
+            whole = await connection.receive_body(http.scope, lambda _, total: count(total)) if self.whole else None
+            if whole is not None:
+                body = whole
             async for piece in http.stream():
-                self.received += len(piece)
                 body += piece
-                if self.reject_at is not None and len(body) >= self.reject_at:
-                    raise ValueError
+                if piece:
+                    count(len(body))
             if self.hold is not None:
                 await while_connected(http, self.hold.wait())
         except (ValueError, ClientDisconnect) as error:
@@ -44,6 +58,11 @@ class Application:
             return Response(type(error).__name__, 418)
         self.outcomes.append("complete")
         return Response(bytes(body[:10]) + b"%d" % sum(body))
+
+
+@pytest.fixture(params=[False, True], ids=["pieces", "whole"])
+def endpoint(request: pytest.FixtureRequest) -> Application:
+    return Application(whole=request.param)
 
 
 @asynccontextmanager
@@ -82,8 +101,7 @@ def summary(body: bytes) -> bytes:
 
 
 @pytest.mark.parametrize("step", [1, 7, 997, 65_536, 1 << 20])
-async def test_body_arrives_whole_in_pieces_of_any_size(step: int) -> None:
-    endpoint = Application()
+async def test_body_arrives_whole_in_pieces_of_any_size(endpoint: Application, step: int) -> None:
     body = bytes(range(256)) * (4 if step < 100 else 4000)
     async with serving(endpoint) as connect, connect() as (reader, writer):
         for _ in range(3):  # on one connection: the next head is found behind the body
@@ -101,8 +119,7 @@ async def test_body_arrives_whole_in_pieces_of_any_size(step: int) -> None:
     assert endpoint.received == 3 * len(body)
 
 
-async def test_small_requests_in_one_packet() -> None:
-    endpoint = Application()
+async def test_small_requests_in_one_packet(endpoint: Application) -> None:
     async with serving(endpoint) as connect, connect() as (reader, writer):
         writer.write(post(b"first") + post(b"second") + post(b"third"))
         for body in (b"first", b"second", b"third"):
@@ -110,8 +127,7 @@ async def test_small_requests_in_one_packet() -> None:
     assert endpoint.outcomes == ["complete"] * 3
 
 
-async def test_pipelined_requests_with_bodies() -> None:
-    endpoint = Application()
+async def test_pipelined_requests_with_bodies(endpoint: Application) -> None:
     first, second = b"a" * 100_000, b"b" * 100_000
     async with serving(endpoint) as connect, connect() as (reader, writer):
         writer.write(post(first) + post(second) + post(b""))
@@ -120,8 +136,8 @@ async def test_pipelined_requests_with_bodies() -> None:
     assert endpoint.outcomes == ["complete"] * 3
 
 
-async def test_connection_is_reused_after_an_early_response() -> None:
-    endpoint = Application(reject_at=50_000)
+async def test_connection_is_reused_after_an_early_response(endpoint: Application) -> None:
+    endpoint.reject_at = 50_000
     async with serving(endpoint) as connect, connect() as (reader, writer):
         whole = post(b"x" * 1_000_000)
         writer.write(whole[:300_000])
@@ -132,8 +148,7 @@ async def test_connection_is_reused_after_an_early_response() -> None:
     assert endpoint.outcomes == ["ValueError", "complete"]
 
 
-async def test_disconnect_within_the_body_is_detected() -> None:
-    endpoint = Application()
+async def test_disconnect_within_the_body_is_detected(endpoint: Application) -> None:
     async with serving(endpoint) as connect:
         async with connect() as (_, writer):
             writer.write(post(b"x" * 100_000)[:50_000])
@@ -142,8 +157,8 @@ async def test_disconnect_within_the_body_is_detected() -> None:
 
 
 @pytest.mark.parametrize("size", [10, 100_000])
-async def test_disconnect_before_the_response_is_detected(size: int) -> None:
-    endpoint = Application(hold=asyncio.Event())
+async def test_disconnect_before_the_response_is_detected(endpoint: Application, size: int) -> None:
+    endpoint.hold = asyncio.Event()
     async with serving(endpoint) as connect:
         async with connect() as (_, writer):
             writer.write(post(b"x" * size))
@@ -151,8 +166,7 @@ async def test_disconnect_before_the_response_is_detected(size: int) -> None:
         await until(lambda: endpoint.outcomes == ["ClientDisconnect"])
 
 
-async def test_expect_100_continue() -> None:
-    endpoint = Application()
+async def test_expect_100_continue(endpoint: Application) -> None:
     body = b"z" * 100_000
     async with serving(endpoint) as connect, connect() as (reader, writer):
         whole = post(body, b"expect: 100-continue")
@@ -165,8 +179,7 @@ async def test_expect_100_continue() -> None:
 
 @pytest.mark.parametrize("protocol", [b"h2c", b"websocket"])
 @pytest.mark.parametrize("more", [b"content-length: 300000", b"transfer-encoding: chunked"])
-async def test_upgrade_with_a_body_is_refused(protocol: bytes, more: bytes) -> None:
-    endpoint = Application()
+async def test_upgrade_with_a_body_is_refused(endpoint: Application, protocol: bytes, more: bytes) -> None:
     head = b"POST /take HTTP/1.1\r\nhost: h\r\nconnection: Upgrade\r\nupgrade: %s\r\n%s\r\n\r\n" % (protocol, more)
     async with serving(endpoint) as connect, connect() as (reader, writer):
         writer.write(head + bytes(300_000))
@@ -193,9 +206,33 @@ async def test_refused_upgrade_waits_for_an_earlier_response(received: list[int]
         writer.close()
 
 
-async def test_unsupported_upgrade_without_a_body_is_ignored() -> None:
-    endpoint = Application()
+async def test_unsupported_upgrade_without_a_body_is_ignored(endpoint: Application) -> None:
     async with serving(endpoint) as connect, connect() as (reader, writer):
         writer.write(b"GET /take HTTP/1.1\r\nhost: h\r\nconnection: Upgrade\r\nupgrade: h2c\r\n\r\n")
         status, _ = await answer(reader)
         assert status == 405
+
+
+async def test_buffer_grows_with_what_has_arrived() -> None:
+    sizes: list[tuple[int, int]] = []
+    app = FastAPI()
+
+    @app.post("/take")
+    async def take(request: Request) -> Response:
+        connection: BoundedHttpProtocol = request.scope[CONNECTION]
+        body = await connection.receive_body(request.scope, lambda buffer, count: sizes.append((len(buffer), count)))
+        assert body is not None
+        return Response(summary(bytes(body)))
+
+    body = bytes(range(256)) * 8000
+    async with listening(app) as port, asyncio.timeout(SECONDS):
+        reader, writer = await asyncio.open_connection("127.0.0.1", port)
+        writer.write(post(body)[: -len(body)])
+        await until(lambda: sizes == [(1 << 16, 0)])
+        for start in range(0, len(body), 30_000):
+            writer.write(body[start : start + 30_000])
+            await until(lambda end=start + 30_000: sizes[-1][1] >= min(end, len(body)))  # type: ignore[misc]  # no type for a default
+        assert await answer(reader) == (200, summary(body))
+        writer.close()
+    assert all(size <= max(16 * count, 1 << 16) for size, count in sizes)
+    assert sizes[-1] == (len(body), len(body))

@@ -12,7 +12,8 @@ from structlog.testing import capture_logs
 
 from gateway.runtime.http import openapi
 from gateway.runtime.http.access import Access
-from gateway.runtime.http.middleware import Protection, RequestContext
+from gateway.runtime.http.edge import Edge
+from gateway.runtime.http.protection import Protection
 from gateway.runtime.http.security import Security
 from gateway.runtime.http.start_gate import StartGate
 from gateway.runtime.http.tokens import Tokens, read_tokens
@@ -37,18 +38,18 @@ class App:
         self.scopes.append(scope["type"])
 
 
-async def test_lifespans_pass_all_middleware(tokens: Tokens) -> None:
+async def test_lifespans_pass_the_edge(tokens: Tokens) -> None:
     app = App()
     never: Any = None
-    layers: list[Any] = [
-        Access(app, tokens=tokens, open_paths=frozenset()),
-        Protection(app, hosts=("here",)),
-        RequestContext(app, metrics=Metrics(), quiet_paths=frozenset()),
-        StartGate(app, started=asyncio.Event(), problem=lambda: "broken", open_paths=frozenset()),
-    ]
-    for layer in layers:
-        await layer({"type": "lifespan", "path": ""}, never, never)
-    assert app.scopes == ["lifespan"] * len(layers)
+    edge = Edge(
+        app,
+        access=Access(tokens=tokens),
+        protection=Protection(hosts=("here",)),
+        metrics=Metrics(),
+        gate=StartGate(started=asyncio.Event(), problem=lambda: "broken", open_paths=frozenset()),
+    )
+    await edge({"type": "lifespan", "path": ""}, never, never)
+    assert app.scopes == ["lifespan"]
 
 
 def log_of(**settings: Any) -> list[tuple[str, str]]:

@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from gateway.runtime.http.http_protocol import SlicedReads
+from gateway.runtime.http.sliced_reads import SlicedReads
 
 
 class FakeTransport:

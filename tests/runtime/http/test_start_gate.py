@@ -9,6 +9,7 @@ import pytest
 from fastapi import FastAPI
 from fastapi.responses import PlainTextResponse
 
+from gateway.runtime.http.edge import Edge
 from gateway.runtime.http.start_gate import StartGate
 from gateway.runtime.kernels.progress import KernelProgress
 
@@ -22,9 +23,8 @@ def gate(started: asyncio.Event, problem: str = "", compiling: KernelProgress | 
     async def thing(name: str) -> PlainTextResponse:
         return PlainTextResponse(name)
 
-    layer = StartGate(
-        app, started=started, problem=lambda: problem, open_paths={"/things/open"}, progress=lambda: compiling
-    )
+    start = StartGate(started=started, problem=lambda: problem, open_paths={"/things/open"}, progress=lambda: compiling)
+    layer = Edge(app, gate=start)
     return httpx2.AsyncClient(transport=httpx2.ASGITransport(app=layer), base_url="http://test")
 
 

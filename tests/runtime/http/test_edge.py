@@ -12,13 +12,14 @@ from starlette.middleware.body_limit import RequestBodyLimitMiddleware
 from starlette.types import ASGIApp
 from structlog.testing import capture_logs
 
-from gateway.runtime.http.middleware import MAX_TARGET_BYTES, Protection, RequestContext
+from gateway.runtime.http.edge import Edge
+from gateway.runtime.http.protection import MAX_TARGET_BYTES, Protection
 from gateway.runtime.logs.metrics_registry import Metrics
 
 
 def make(metrics: Metrics) -> FastAPI:
     app = FastAPI()
-    app.add_middleware(RequestContext, metrics=metrics, quiet_paths={"/quiet"})
+    app.add_middleware(Edge, metrics=metrics, quiet_paths={"/quiet"})
 
     @app.get("/things/{name}")
     async def thing(name: str) -> PlainTextResponse:
@@ -90,8 +91,7 @@ async def test_too_large_body_is_not_logged_as_an_error(host: str, status: int) 
 
     metrics = Metrics()
     app.add_middleware(RequestBodyLimitMiddleware, max_body_size=10)
-    app.add_middleware(Protection, hosts=("localhost",))
-    app.add_middleware(RequestContext, metrics=metrics)
+    app.add_middleware(Edge, protection=Protection(hosts=("localhost",)), metrics=metrics)
     async with client(app) as http:
         with capture_logs() as lines:
             answer = await http.post("/things", content=b"x" * 100, headers={"Host": host})
@@ -102,7 +102,7 @@ async def test_too_large_body_is_not_logged_as_an_error(host: str, status: int) 
 
 async def test_long_target_is_refused() -> None:
     app = make(Metrics())
-    app.add_middleware(Protection)
+    app.add_middleware(Edge, protection=Protection())
     path = "/things/a?q="
     room = MAX_TARGET_BYTES - len(path) + len("?")
     async with client(app) as http:
