@@ -112,8 +112,8 @@ def paint(
             return
         part = color[rows, columns]
         cameras = tuple(_window_camera(each, rows, columns) for each in cameras)
-        ids, inv_z = (np.ascontiguousarray(each[rows, columns]) for each in (visible.ids, visible.inv_z))
-        visible = replace(visible, ids=ids, inv_z=inv_z)
+        ids, inv_z = visible.ids[rows, columns], visible.inv_z[rows, columns]
+        visible = replace(visible, ids=np.ascontiguousarray(ids), inv_z=np.ascontiguousarray(inv_z))
     mean = _peeled_mean(rasterizer, scene, shading, lighting, cameras, opaque, visible, covered)
     blended = np.empty(part.shape, np.uint8)
     output["color"] = address_of(blended, np.uint8)
