@@ -42,7 +42,7 @@ class MjcfFiles:
                         self._record(folder / name for folder in sorted(folders))
 
     def link_prefix(self, message: str) -> str:
-        """Return the start of an error sentence: "link 'a': " for the first body with its mesh file; or ""."""
+        """Return "link 'a': " for the first body with the mesh file of an error of MuJoCo; or an empty text."""
         body_by_mesh: dict[str, str | None] = {}
         for document in self._documents:
             for body in document.iter("body"):
