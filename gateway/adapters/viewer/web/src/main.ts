@@ -10,17 +10,21 @@ import { Gizmos } from "./programs/gizmos";
 import { ProgramControls } from "./programs/programcontrols";
 import type { Message } from "./protocol";
 import { RecordedConnection } from "./recorded/recordedconnection";
-import { isRecorded } from "./recorded/resources";
+import { isRecorded } from "./resources";
 import { Session } from "./session";
-import { Viewer } from "./view/viewer";
+import { Viewer } from "./viewer";
 
 const session = new Session();
 const programControls = new ProgramControls((change) => connection.report(change));
 const panels = new Panels(session, programControls);
-const viewer = new Viewer(session, panels, (message) => connection.report(message));
+const viewer = new Viewer(
+  session,
+  (message) => connection.report(message),
+  () => panels.show("Selection"),
+);
 const { stage } = viewer;
 const gizmos = new Gizmos(stage, session.model, programControls);
-render(h(App, { viewer, programControls }), document.querySelector("#app") as Element);
+render(h(App, { viewer, panels, programControls }), document.querySelector("#app") as Element);
 viewer.followAddress();
 
 let hasNewMeshes = false;
@@ -84,14 +88,15 @@ function openFor(tab: Tab, hasContent: () => boolean): void {
     queueMicrotask(() => stop());
   });
 }
+effect(() => viewer.frustum.setShown(session.streaming.value || panels.isActive("Stereo")));
 openFor("Stereo", () => session.streaming.value || isDemo());
 openFor("Controls", () => programControls.all.value.length > 0);
 
-listenForShortcuts(viewer);
+listenForShortcuts(viewer, panels);
 
 setInterval(() => {
   if (session.tick(stage.frames)) viewer.placeShadows(); // the scene may have moved
-  if (document.hidden) viewer.materials.disposeUnused(); // nothing is drawn
+  if (document.hidden) stage.materials.disposeUnused(); // nothing is drawn
 }, 1000);
 
 // For tests and the console.

@@ -2,8 +2,8 @@
 
 import { useRef } from "preact/hooks";
 import { options, type SwitchName } from "../options";
-import { snapshot } from "../view/downloads";
-import type { Viewer } from "../view/viewer";
+import type { Viewer } from "../viewer";
+import type { Panels } from "./panels";
 
 interface Shortcut {
   /** Values of `KeyboardEvent.key`; the first one is listed. */
@@ -24,8 +24,8 @@ const MOUSE: [string, string][] = [
 const togglePopover = (id: string) => document.getElementById(id)?.togglePopover();
 const flip = (name: SwitchName) => options[name].choose(options[name].shown.peek() === "on" ? "off" : "on");
 
-function shortcuts(viewer: Viewer): Shortcut[] {
-  const { panels, timeline, measurement, session } = viewer;
+function shortcuts(viewer: Viewer, panels: Panels): Shortcut[] {
+  const { timeline, measurement, session } = viewer;
   const zoom = (factor: number) => viewer.stage.rig.controls.dollyIn(factor);
   return [
     { keys: ["f"], text: "Fit the selection, or everything", run: () => viewer.fit() },
@@ -47,7 +47,7 @@ function shortcuts(viewer: Viewer): Shortcut[] {
     { keys: ["o"], text: "Orthographic", run: () => flip("orthographic") },
     { keys: ["b"], text: "From above, beside the view", run: () => (viewer.topView.isShown.value = !viewer.topView.isShown.value) },
     { keys: ["d"], text: "Display menu", run: () => togglePopover("display") },
-    { keys: ["i"], text: "This view as PNG", run: () => snapshot(viewer) },
+    { keys: ["i"], text: "This view as PNG", run: () => viewer.downloads.snapshot() },
     { keys: ["r"], text: "Start a film, end it", run: () => viewer.film.toggle() },
     { keys: ["t"], text: "Scene tree", run: () => panels.toggle("left") },
     { keys: ["s"], text: "Panels", run: () => panels.toggle("right") },
@@ -63,11 +63,11 @@ function takesText(target: EventTarget | null): boolean {
 }
 
 /** Run shortcuts wherever no text is typed. Escape leaves a text. */
-export function listenForShortcuts(viewer: Viewer): void {
-  const actions = new Map(shortcuts(viewer).flatMap(({ keys, run }) => keys.map((key) => [key, run] as const)));
+export function listenForShortcuts(viewer: Viewer, panels: Panels): void {
+  const actions = new Map(shortcuts(viewer, panels).flatMap(({ keys, run }) => keys.map((key) => [key, run] as const)));
   addEventListener("keydown", (event) => {
     const { key, target } = event;
-    if (event.defaultPrevented || event.ctrlKey || event.metaKey || event.altKey || viewer.panels.full.value) return;
+    if (event.defaultPrevented || event.ctrlKey || event.metaKey || event.altKey || panels.full.value) return;
     if (key === "Escape" && document.querySelector(":popover-open")) return; // it closes the menu
     if (takesText(target)) {
       if (key === "Escape") (target as HTMLElement).blur();
@@ -83,8 +83,8 @@ export function listenForShortcuts(viewer: Viewer): void {
   });
 }
 
-export function ShortcutList({ viewer }: { viewer: Viewer }) {
-  const list = useRef(shortcuts(viewer)).current;
+export function ShortcutList({ viewer, panels }: { viewer: Viewer; panels: Panels }) {
+  const list = useRef(shortcuts(viewer, panels)).current;
   const row = (keys: string, text: string) => (
     <tr key={text}>
       <th scope="row">{keys}</th>
