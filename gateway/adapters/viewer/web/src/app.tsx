@@ -64,11 +64,7 @@ function Splitter({ side, label, width }: { side: Side; label: string; width: Si
   );
 }
 
-interface AppProps {
-  viewer: Viewer;
-  panels: Panels;
-  programControls: ProgramControls;
-}
+type AppProps = { viewer: Viewer; panels: Panels; programControls: ProgramControls };
 
 export function App({ viewer, panels, programControls }: AppProps) {
   const { session } = viewer;

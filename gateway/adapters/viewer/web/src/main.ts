@@ -1,3 +1,7 @@
+// The page. Its files import one way, which tests/layers.test.ts holds: protocol, format, options, resources (textures, of the
+// gateway or of a recording), files -> connection, recorded/ -> model -> session -> widgets/ -> view/ -> programs/ (controls and
+// gizmos of programs) -> tools/ -> viewer (stage, drawing and tools of a session) -> panels/ -> app -> main.
+
 import { effect } from "@preact/signals";
 import { h, render } from "preact";
 import { Box3 } from "three";
@@ -11,18 +15,13 @@ import { ProgramControls } from "./programs/programcontrols";
 import type { Message } from "./protocol";
 import { RecordedConnection } from "./recorded/recordedconnection";
 import { isRecorded } from "./resources";
-import { Session } from "./session";
 import { Viewer } from "./viewer";
 
-const session = new Session();
-const programControls = new ProgramControls((change) => connection.report(change));
+const report: Connection["report"] = (message) => connection.report(message);
+const viewer = new Viewer(report, () => panels.show("Selection"));
+const { session, stage } = viewer;
+const programControls = new ProgramControls(report);
 const panels = new Panels(session, programControls);
-const viewer = new Viewer(
-  session,
-  (message) => connection.report(message),
-  () => panels.show("Selection"),
-);
-const { stage } = viewer;
 const gizmos = new Gizmos(stage, session.model, programControls);
 render(h(App, { viewer, panels, programControls }), document.querySelector("#app") as Element);
 viewer.followAddress();

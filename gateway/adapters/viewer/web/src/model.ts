@@ -22,11 +22,7 @@ export interface CloudLook {
   by: string;
   map: MapName;
 }
-
-export interface Range {
-  low: number;
-  high: number;
-}
+export type Range = { low: number; high: number };
 
 /** Frame in which poses are shown; a path is that of a node. */
 export type Frame = "world" | "parent" | Path;

@@ -6,9 +6,9 @@ import type { TreeNode } from "./model";
 import { type Option, options } from "./options";
 import type { Click, PageLighting, PageSettings, SceneUpdate, TimeCommand, Vector } from "./protocol";
 import { isRecorded } from "./resources";
-import type { Session } from "./session";
+import { Session } from "./session";
 import { CameraAddress } from "./tools/address";
-import { Downloads } from "./tools/downloads";
+import { imageQuery } from "./tools/downloads";
 import { Film } from "./tools/film";
 import { Follow } from "./tools/follow";
 import { Marks } from "./tools/marks";
@@ -26,16 +26,19 @@ import { backgroundColors, colorsOn } from "./view/theme";
 type Quaternion = [number, number, number, number];
 
 export class Viewer {
-  readonly stage = new Stage(() => this.downloads.imageQuery());
+  readonly session = new Session();
+  readonly stage: Stage = new Stage(() => imageQuery(this));
   readonly topView = new TopView();
+  readonly drawing = new Drawing(this.session.model, this.stage);
   readonly frustum = new Frustum(this.stage.redraw);
+  readonly follow = new Follow(this.session.model, () => {
+    this.stage.rig.placements += 1; // it is not the home view any more
+    this.address.write();
+  });
   readonly film = new Film(this.stage.canvas);
   readonly measurement = new Measurement(this.stage.redraw);
-  readonly drawing: Drawing;
-  readonly follow: Follow;
-  readonly marks: Marks;
+  readonly marks = new Marks(this.session.model, this.stage.rig.origin, this.stage.holder);
   readonly timeline: Timeline;
-  readonly downloads: Downloads;
   /** Camera whose image is beside the view, in the gateway's syntax; empty: none. */
   readonly sideCamera = signal("");
   /** Rotation of the camera in the world, as a quaternion x, y, z, w. */
@@ -47,28 +50,20 @@ export class Viewer {
 
   /** @param selected called when the visitor has selected a node */
   constructor(
-    readonly session: Session,
     report: (message: Click | TimeCommand) => void,
     private readonly selected: () => void,
   ) {
-    const { stage, topView } = this;
-    const { model } = session;
-    const { canvas, renderer, rig, scene } = stage;
-    this.drawing = new Drawing(model, stage);
-    this.follow = new Follow(model, () => {
-      rig.placements += 1; // it is not the home view any more
-      this.address.write();
-    });
-    this.marks = new Marks(model, rig.origin, stage.holder);
-    this.timeline = new Timeline(report, () => this.address.write());
-    this.downloads = new Downloads(stage, model, this.timeline, this.marks);
+    const { stage } = this;
+    const { canvas, rig } = stage;
+    const writeAddress = () => this.address.write();
+    this.timeline = new Timeline(report, writeAddress);
     this.address = new CameraAddress(rig, this.follow, this.timeline, () => this.home.isShown);
     this.clickable = new Clickable(canvas, (x, y) => this.hitAt(x, y).node, report);
-    scene.add(this.marks.object);
+    stage.scene.add(this.marks.object);
     stage.world.add(this.frustum.object, this.measurement.object);
-    stage.addEventListener("moved", () => this.address.write());
+    stage.addEventListener("moved", writeAddress);
     stage.addEventListener("originMoved", () => this.originMoved());
-    if (renderer) stage.addEventListener("draw", () => topView.draw(renderer, scene, rig.controls.target, rig.halfHeightAtTarget));
+    stage.addEventListener("draw", () => this.topView.draw(stage));
     stage.addEventListener("drawn", () => this.drawn());
     onTap(canvas, (x, y, button) => this.tap(x, y, button));
     this.followOptions();

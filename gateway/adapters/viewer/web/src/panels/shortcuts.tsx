@@ -2,6 +2,7 @@
 
 import { useRef } from "preact/hooks";
 import { options, type SwitchName } from "../options";
+import { snapshot } from "../tools/downloads";
 import type { Viewer } from "../viewer";
 import type { Panels } from "./panels";
 
@@ -47,7 +48,7 @@ function shortcuts(viewer: Viewer, panels: Panels): Shortcut[] {
     { keys: ["o"], text: "Orthographic", run: () => flip("orthographic") },
     { keys: ["b"], text: "From above, beside the view", run: () => (viewer.topView.isShown.value = !viewer.topView.isShown.value) },
     { keys: ["d"], text: "Display menu", run: () => togglePopover("display") },
-    { keys: ["i"], text: "This view as PNG", run: () => viewer.downloads.snapshot() },
+    { keys: ["i"], text: "This view as PNG", run: () => snapshot(viewer) },
     { keys: ["r"], text: "Start a film, end it", run: () => viewer.film.toggle() },
     { keys: ["t"], text: "Scene tree", run: () => panels.toggle("left") },
     { keys: ["s"], text: "Panels", run: () => panels.toggle("right") },

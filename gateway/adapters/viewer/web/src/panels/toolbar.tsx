@@ -1,7 +1,7 @@
 // Toolbar: panels, the view, measuring, the display menu, downloads.
 
 import { isRecorded } from "../resources";
-import { pageFile } from "../tools/downloads";
+import { pageFile, rendering, sceneFile, snapshot } from "../tools/downloads";
 import type { Viewer } from "../viewer";
 import { Button, Download } from "../widgets/controls";
 import { Icon } from "../widgets/icons";
@@ -15,7 +15,7 @@ const PAGE = "This page with the scene and its recent motion in one file, which 
 const FILE = "The visible scene as .glb, with this view as its camera";
 
 export function Toolbar({ viewer, panels }: { viewer: Viewer; panels: Panels }) {
-  const { measurement, film, downloads } = viewer;
+  const { measurement, film } = viewer;
   const word = (text: string) => <span class="word">{text}</span>;
   const panel = "Selection, stereo camera, renders, controls (S)";
   return (
@@ -34,7 +34,7 @@ export function Toolbar({ viewer, panels }: { viewer: Viewer; panels: Panels }) 
         <span class="gap" />
         <DisplayMenu viewer={viewer} />
         <span class="space" />
-        <Button icon="snapshot" title="This view as PNG (I)" onClick={downloads.snapshot}>
+        <Button icon="snapshot" title="This view as PNG (I)" onClick={() => snapshot(viewer)}>
           {word("PNG")}
         </Button>
         {film.isPossible && (
@@ -44,10 +44,10 @@ export function Toolbar({ viewer, panels }: { viewer: Viewer; panels: Panels }) 
         )}
         {!isRecorded() && (
           <>
-            <Download icon="render" title={RENDER} download="scenegate-render.png" url={downloads.rendering}>
+            <Download icon="render" title={RENDER} download="scenegate-render.png" url={() => rendering(viewer)}>
               {word("Render")}
             </Download>
-            <Download icon="download" title={FILE} download="scene.glb" url={downloads.sceneFile}>
+            <Download icon="download" title={FILE} download="scene.glb" url={() => sceneFile(viewer)}>
               {word(".glb")}
             </Download>
             <Download icon="share" title={PAGE} download="scene.html" url={pageFile}>

@@ -1,8 +1,9 @@
 // The scene from above, in a small view of its own.
 
 import { signal } from "@preact/signals";
-import { OrthographicCamera, type Scene, Vector2, type Vector3, type WebGLRenderer } from "three";
+import { OrthographicCamera, Vector2 } from "three";
 import { CLOUD_LAYER } from "../view/cloudprogress";
+import type { Stage } from "../view/stage";
 
 /** Half the height of the view from above, as a multiple of that of the view at its target. */
 const ENLARGED = 1.5;
@@ -20,15 +21,16 @@ export class TopView {
     this.camera.layers.enable(CLOUD_LAYER);
   }
 
-  /** Draw the surroundings of a target. The corner of the renderer's canvas is drawn over afterwards. */
-  draw(renderer: WebGLRenderer, scene: Scene, target: Vector3, halfHeight: number): void {
+  /** Draw the surroundings of the view's target. The corner of the renderer's canvas is drawn over afterwards. */
+  draw({ renderer, scene, rig }: Stage): void {
     const { canvas, camera } = this;
-    if (!this.isShown.peek()) return;
+    if (!renderer || !this.isShown.peek()) return;
+    const { target } = rig.controls;
     const view = renderer.getSize(new Vector2());
     const width = Math.min(canvas.clientWidth, view.x);
     const height = Math.min(canvas.clientHeight, view.y);
     if (!width || !height) return;
-    const half = ENLARGED * halfHeight;
+    const half = ENLARGED * rig.halfHeightAtTarget;
     Object.assign(camera, { left: (-half * width) / height, right: (half * width) / height, top: half, bottom: -half });
     Object.assign(camera, { near: 0, far: 2000 * half });
     camera.updateProjectionMatrix();

@@ -32,11 +32,7 @@ export class CameraRig {
   /** Distance of the target when the camera was last placed, metres. */
   private framedDistance = 1;
 
-  /**
-   * @param holder element with the canvas
-   * @param moved called when the camera is at another place
-   * @param placed called with half the height of the view at the target, metres, after the camera was placed
-   */
+  /** @param placed called with half the height of the view at its target, metres, after the camera was placed */
   constructor(
     holder: HTMLElement,
     private readonly canvas: HTMLElement,

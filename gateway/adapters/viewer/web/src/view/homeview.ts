@@ -28,10 +28,9 @@ export class HomeView {
   }
 
   show(): void {
-    const { rig } = this;
-    if (this.camera) rig.place(this.camera);
-    else rig.look("home", this.focusBoxes());
-    this.framed = rig.placements;
+    if (this.camera) this.rig.place(this.camera);
+    else this.rig.look("home", this.focusBoxes());
+    this.framed = this.rig.placements;
   }
 
   /** Leave the camera where a link has placed it. */

@@ -17,13 +17,10 @@ const MAX_MATERIALS = 64;
 export type MaterialKind = "opaque" | "translucent" | "line" | "wideLine" | "points";
 
 /** Size of all points. `sent`: as published. */
-export interface PointSize {
-  unit: "sent" | "pixels" | "metres";
-  size: number;
-}
+export type PointSize = { unit: "sent" | "pixels" | "metres"; size: number };
 
 export class Materials {
-  readonly textures: Textures;
+  readonly textures = new Textures(() => this.redraw());
   /** Materials by their properties. `userData`: number of `users`, `textures`, and `size` of points. */
   private readonly shared = new Map<string, THREE.Material>();
   /** True if a material was released since the last `disposeUnused`. */
@@ -34,9 +31,7 @@ export class Materials {
   constructor(
     private readonly lights: Lights,
     private readonly redraw: () => void,
-  ) {
-    this.textures = new Textures(redraw);
-  }
+  ) {}
 
   get areTranslucent(): boolean {
     return [...this.shared.values()].some(({ userData, transparent }) => userData.users > 0 && transparent);
