@@ -1,4 +1,4 @@
-// The 3D view of a session: applies its updates, follows its options, and does what the page's controls ask for.
+// A session and its 3D view: applies updates, follows options, and does what the controls of the page ask for.
 
 import { effect, signal } from "@preact/signals";
 import type { Box3 } from "three";
