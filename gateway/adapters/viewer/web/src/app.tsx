@@ -1,28 +1,28 @@
 // The page: toolbar, tree, view, panels, status bar. On small screens tree and panels are drawers over the view.
 
 import { type Signal, useSignal } from "@preact/signals";
+import { downloadProblem } from "./files";
 import { keep, kept } from "./options";
-import { TabList } from "./panels/controls";
 import { DetailsPanel } from "./panels/detailspanel";
 import { EmptyState } from "./panels/emptystate";
 import { Lightbox } from "./panels/lightbox";
-import type { Side, Tab } from "./panels/panels";
+import type { Panels, Side, Tab } from "./panels/panels";
 import { RendersPanel } from "./panels/renderspanel";
 import { SensorsPanel } from "./panels/sensorspanel";
 import { ShortcutList } from "./panels/shortcuts";
+import { SideViews } from "./panels/sideviews";
 import { StatusBar } from "./panels/statusbar";
 import { Toolbar } from "./panels/toolbar";
 import { TreePanel } from "./panels/treepanel";
 import { ControlsPanel } from "./programs/controlspanel";
 import type { ProgramControls } from "./programs/programcontrols";
-import { isRecorded } from "./recorded/resources";
+import { isRecorded } from "./resources";
 import { FollowBar } from "./tools/follow";
 import { MeasureBar } from "./tools/measure";
-import { SideViews } from "./tools/sideviews";
 import { TimeBar } from "./tools/timebar";
 import { ViewAxes } from "./tools/viewaxes";
-import { downloadProblem } from "./view/downloads";
-import type { Viewer } from "./view/viewer";
+import type { Viewer } from "./viewer";
+import { TabList } from "./widgets/controls";
 
 const MIN_WIDTH = 160;
 /** Step of an arrow key, pixels. */
@@ -64,8 +64,10 @@ function Splitter({ side, label, width }: { side: Side; label: string; width: Si
   );
 }
 
-export function App({ viewer, programControls }: { viewer: Viewer; programControls: ProgramControls }) {
-  const { session, panels } = viewer;
+type AppProps = { viewer: Viewer; panels: Panels; programControls: ProgramControls };
+
+export function App({ viewer, panels, programControls }: AppProps) {
+  const { session } = viewer;
   const widths = { left: useSignal(Number(kept("left-width")) || null), right: useSignal(Number(kept("right-width")) || null) };
   const width = (side: Side) => (widths[side].value ? `--${side}-width: ${widths[side].value}px;` : "");
   const tab = panels.shown.value;
@@ -73,8 +75,8 @@ export function App({ viewer, programControls }: { viewer: Viewer; programContro
   const pages: Record<Tab, preact.ComponentChild> = {
     Selection: <DetailsPanel viewer={viewer} />,
     Controls: panels.isActive("Controls") && <ControlsPanel controls={programControls} model={session.model} />,
-    Stereo: <SensorsPanel viewer={viewer} />,
-    Renders: <RendersPanel viewer={viewer} />,
+    Stereo: <SensorsPanel viewer={viewer} panels={panels} />,
+    Renders: <RendersPanel session={session} panels={panels} />,
   };
   const { notice, graphicsNotice } = session;
   const isConnected = session.connection.value.state === "open";
@@ -82,7 +84,7 @@ export function App({ viewer, programControls }: { viewer: Viewer; programContro
   const id = (name: Tab) => `page-${name.toLowerCase()}`;
   return (
     <>
-      <Toolbar viewer={viewer} />
+      <Toolbar viewer={viewer} panels={panels} />
       <div class={`layout${panels.left.value ? "" : " no-left"}${panels.right.value ? "" : " no-right"}`} style={width("left") + width("right")}>
         <nav class="drawer left">
           <TreePanel viewer={viewer} />
@@ -114,7 +116,7 @@ export function App({ viewer, programControls }: { viewer: Viewer; programContro
       </div>
       <TimeBar timeline={viewer.timeline} session={session} />
       <StatusBar session={session} />
-      <ShortcutList viewer={viewer} />
+      <ShortcutList viewer={viewer} panels={panels} />
       <Lightbox panels={panels} />
     </>
   );

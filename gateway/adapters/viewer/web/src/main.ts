@@ -1,3 +1,7 @@
+// The page. Its files import one way, which tests/layers.test.ts holds: protocol, format, options, resources (textures, of the
+// gateway or of a recording), files -> connection, recorded/ -> model -> session -> widgets/ -> view/ -> programs/ (controls and
+// gizmos of programs) -> tools/ -> viewer (stage, drawing and tools of a session) -> panels/ -> app -> main.
+
 import { effect } from "@preact/signals";
 import { h, render } from "preact";
 import { Box3 } from "three";
@@ -10,17 +14,16 @@ import { Gizmos } from "./programs/gizmos";
 import { ProgramControls } from "./programs/programcontrols";
 import type { Message } from "./protocol";
 import { RecordedConnection } from "./recorded/recordedconnection";
-import { isRecorded } from "./recorded/resources";
-import { Session } from "./session";
-import { Viewer } from "./view/viewer";
+import { isRecorded } from "./resources";
+import { Viewer } from "./viewer";
 
-const session = new Session();
-const programControls = new ProgramControls((change) => connection.report(change));
+const report: Connection["report"] = (message) => connection.report(message);
+const viewer = new Viewer(report, () => panels.show("Selection"));
+const { session, stage } = viewer;
+const programControls = new ProgramControls(report);
 const panels = new Panels(session, programControls);
-const viewer = new Viewer(session, panels, (message) => connection.report(message));
-const { stage } = viewer;
 const gizmos = new Gizmos(stage, session.model, programControls);
-render(h(App, { viewer, programControls }), document.querySelector("#app") as Element);
+render(h(App, { viewer, panels, programControls }), document.querySelector("#app") as Element);
 viewer.followAddress();
 
 let hasNewMeshes = false;
@@ -84,14 +87,15 @@ function openFor(tab: Tab, hasContent: () => boolean): void {
     queueMicrotask(() => stop());
   });
 }
+effect(() => viewer.frustum.setShown(session.streaming.value || panels.isActive("Stereo")));
 openFor("Stereo", () => session.streaming.value || isDemo());
 openFor("Controls", () => programControls.all.value.length > 0);
 
-listenForShortcuts(viewer);
+listenForShortcuts(viewer, panels);
 
 setInterval(() => {
   if (session.tick(stage.frames)) viewer.placeShadows(); // the scene may have moved
-  if (document.hidden) viewer.materials.disposeUnused(); // nothing is drawn
+  if (document.hidden) stage.materials.disposeUnused(); // nothing is drawn
 }, 1000);
 
 // For tests and the console.

@@ -2,12 +2,30 @@
 
 import { Matrix4, Quaternion, Vector3 } from "three";
 import type { MeshPayload, NodeUpdate, PagePart, Path, SceneUpdate } from "./protocol";
-import type { Mark } from "./tools/marks";
-import type { CloudLook, Range } from "./view/clouds";
 
 const MAX_REMEMBERED_NODES = 10_000;
 /** Bytes of meshes that no node uses: the gateway has those of its history, too. */
 const MAX_UNUSED_BYTES = 64 << 20;
+
+/** What the view shows of a node over the scene. */
+export interface Mark {
+  axes: boolean;
+  name: boolean;
+  /** True: also of all nodes below it. */
+  below: boolean;
+}
+
+export type MapName = "turbo" | "viridis" | "grey" | "blue–red";
+/** Colours of a point cloud that this page has chosen. */
+export interface CloudLook {
+  /** Source of the colours: "" as published, "x", "y", "z" in the cloud's frame, or a channel as "name" or "name:component". */
+  by: string;
+  map: MapName;
+}
+export type Range = { low: number; high: number };
+
+/** Frame in which poses are shown; a path is that of a node. */
+export type Frame = "world" | "parent" | Path;
 
 /** A node as it is published, and what this page shows otherwise: `shown`, `ownOpacity`, `cloud`, `mark`; null: as published. */
 export class TreeNode {
@@ -46,6 +64,11 @@ export class TreeNode {
   /** Opacity of the node times that of its ancestors. */
   get combinedOpacity(): number {
     return this.shownOpacity * (this.parent?.combinedOpacity ?? 1);
+  }
+
+  /** Name as it is shown. */
+  get shownName(): string {
+    return this.parent ? String(this.name) || '""' : "scene";
   }
 
   get path(): Path {

@@ -1,9 +1,8 @@
 // What the views of the page show: the scene, the selection, the connection and the gateway's state. Without a browser.
 
 import { batch, computed, signal } from "@preact/signals";
-import { Model, type ModelChange, type TreeNode } from "./model";
+import { type Frame, Model, type ModelChange, type TreeNode } from "./model";
 import type { Path, SceneUpdate, Status } from "./protocol";
-import type { Frame } from "./tools/poseframes";
 
 export type ConnectionState = "connecting" | "open" | "closed";
 

@@ -1,8 +1,8 @@
 import { Box3 } from "three";
 import { expect, it } from "vitest";
-import { Model } from "../src/model";
+import { type Frame, Model } from "../src/model";
 import { describe as describeNode } from "../src/panels/describe";
-import { type Frame, frameChoices, toFrame } from "../src/tools/poseframes";
+import { frameChoices, toFrame } from "../src/tools/poseframes";
 import { update } from "./scene";
 
 const HALF = Math.SQRT1_2;

@@ -5,7 +5,7 @@ import { Model } from "../src/model";
 import type { SceneUpdate, TimeState } from "../src/protocol";
 import { Playback } from "../src/recorded/playback";
 import { inflate, Player, readRecording, type Step } from "../src/recorded/recording";
-import { addressOf, channelPath, imagePath } from "../src/recorded/resources";
+import { addressOf, channelPath, imagePath } from "../src/resources";
 import { update } from "./scene";
 
 /** Return a frame of gateway/adapters/viewer/frames.py whose body is bytes. */

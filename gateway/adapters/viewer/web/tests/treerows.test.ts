@@ -1,6 +1,6 @@
 import { expect, it } from "vitest";
 import { Model } from "../src/model";
-import { findTyped, listRows, nameOf } from "../src/panels/treerows";
+import { findTyped, listRows } from "../src/panels/treerows";
 import { update } from "./scene";
 
 const model = new Model();
@@ -12,7 +12,7 @@ const nodes = [
   { id: 5, parent: 0, name: 3 },
 ];
 model.apply(update(1, nodes));
-const names = (search: string, depth = 2) => listRows(model, search, (row) => row.depth < depth).map(({ node }) => nameOf(node));
+const names = (search: string, depth = 2) => listRows(model, search, (row) => row.depth < depth).map(({ node }) => node.shownName);
 
 it("lists open nodes, parents first", () => {
   expect(names("")).toEqual(["scene", "demo", "robot", "table", "3"]);
@@ -29,7 +29,7 @@ it("lists the paths that contain a text, with their ancestors", () => {
 
 it("finds the next name that starts with what is typed", () => {
   const rows = listRows(model, "", () => true);
-  const found = (index: number, text: string) => nameOf(rows[findTyped(rows, index, text)]!.node);
+  const found = (index: number, text: string) => rows[findTyped(rows, index, text)]!.node.shownName;
   expect(found(0, "t")).toBe("table");
   expect(found(2, "ro")).toBe("robot");
   expect(found(4, "d")).toBe("demo");

@@ -2,13 +2,13 @@
 
 import { useRef } from "preact/hooks";
 import { pathText, short } from "../format";
-import type { TreeNode } from "../model";
+import type { MapName, TreeNode } from "../model";
 import type { PagePart } from "../protocol";
 import { MarkFields } from "../tools/marks";
 import { FrameField, toFrame } from "../tools/poseframes";
-import { COLOR_MAPS, colorChoices, type MapName, ramp } from "../view/clouds";
-import type { Viewer } from "../view/viewer";
-import { Button, Field, Opacity } from "./controls";
+import { COLOR_MAPS, colorChoices, ramp } from "../view/clouds";
+import type { Viewer } from "../viewer";
+import { Button, Field, Opacity } from "../widgets/controls";
 import { describe } from "./describe";
 
 interface NodeProps {
@@ -90,7 +90,7 @@ export function DetailsPanel({ viewer }: { viewer: Viewer }) {
           </header>
           <label class="field">
             Opacity
-            <Opacity label="Opacity" node={node} viewer={viewer} />
+            <Opacity label="Opacity" node={node} changed={viewer.changed} />
             <output>{Math.round(node.shownOpacity * 100)} %</output>
           </label>
           <MarkFields node={node} changed={() => viewer.changed()} />

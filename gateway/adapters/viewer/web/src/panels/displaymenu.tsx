@@ -4,9 +4,9 @@ import type { ComponentChildren } from "preact";
 import { useRef } from "preact/hooks";
 import { BACKGROUNDS, type Background, options, type SwitchName } from "../options";
 import { PointSizeFields } from "../tools/pointsize";
-import { SideViewFields } from "../tools/sideviews";
-import type { Viewer } from "../view/viewer";
-import { Button, Check, Field } from "./controls";
+import type { Viewer } from "../viewer";
+import { Button, Check, Field } from "../widgets/controls";
+import { SideViewFields } from "./sideviews";
 
 /** Width of the menu with its margin, as in style.css, pixels. */
 const MENU_WIDTH = 246;
@@ -56,7 +56,7 @@ export function DisplayMenu({ viewer }: { viewer: Viewer }) {
           <Switch name="occlusion" text="Ambient occlusion" title="Darkens corners and contacts; costs the most" />
         </Group>
         <Group title="Points">
-          <PointSizeFields materials={viewer.materials} />
+          <PointSizeFields materials={viewer.stage.materials} />
         </Group>
         <Group title="Page">
           <Field label="Background" value={background.shown.value} choices={backgrounds} onChange={(name) => background.choose(name)} />

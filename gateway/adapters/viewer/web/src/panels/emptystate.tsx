@@ -2,7 +2,7 @@
 
 import { useSignal } from "@preact/signals";
 import { useEffect, useRef } from "preact/hooks";
-import { Button, TabList } from "./controls";
+import { Button, TabList } from "../widgets/controls";
 
 const CODE_ID = "empty-state-code";
 

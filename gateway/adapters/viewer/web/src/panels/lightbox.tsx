@@ -1,15 +1,8 @@
 // Dialog with an image in full size.
 
 import { useEffect, useRef } from "preact/hooks";
-import { Button, Download } from "./controls";
+import { Button, Download } from "../widgets/controls";
 import type { Panels } from "./panels";
-
-export interface FullImage {
-  title: string;
-  /** URL; of a live image another one for each of its frames. */
-  source: () => string;
-  fileName: string;
-}
 
 export function Lightbox({ panels }: { panels: Panels }) {
   const dialog = useRef<HTMLDialogElement>(null);

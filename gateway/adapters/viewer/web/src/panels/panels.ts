@@ -4,7 +4,6 @@ import { batch, computed, effect, signal } from "@preact/signals";
 import type { ProgramControls } from "../programs/programcontrols";
 import type { Status } from "../protocol";
 import type { Session } from "../session";
-import type { FullImage } from "./lightbox";
 
 export type Side = "left" | "right";
 export const TABS = ["Selection", "Controls", "Stereo", "Renders"] as const;
@@ -15,6 +14,13 @@ const IS_USED: Partial<Record<Tab, (status: Status) => boolean>> = {
   Renders: ({ renders = 0 }) => renders > 0,
 };
 const NARROW = matchMedia("(max-width: 899px)");
+
+export interface FullImage {
+  title: string;
+  /** URL; of a live image another one for each of its frames. */
+  source: () => string;
+  fileName: string;
+}
 
 export class Panels {
   readonly left = signal(false);

@@ -3,14 +3,15 @@
 import { useSignal } from "@preact/signals";
 import { useEffect, useRef } from "preact/hooks";
 import type { RenderEntry } from "../protocol";
-import type { Viewer } from "../view/viewer";
+import type { Session } from "../session";
+import type { Panels } from "./panels";
 
-function Item({ render, viewer }: { render: RenderEntry; viewer: Viewer }) {
+function Item({ render, panels }: { render: RenderEntry; panels: Panels }) {
   const { id, what, error } = render;
   const time = new Date(render.when * 1000).toLocaleTimeString();
   const waited = render.queued >= 1 ? `, ${render.queued.toFixed(0)} ms of it waiting` : "";
   const url = `view/renders/${id}.png`;
-  const open = () => viewer.panels.open({ title: what, source: () => url, fileName: `render-${id}.png` });
+  const open = () => panels.open({ title: what, source: () => url, fileName: `render-${id}.png` });
   return (
     <li>
       {render.image ? (
@@ -34,8 +35,7 @@ function Item({ render, viewer }: { render: RenderEntry; viewer: Viewer }) {
   );
 }
 
-export function RendersPanel({ viewer }: { viewer: Viewer }) {
-  const { session, panels } = viewer;
+export function RendersPanel({ session, panels }: { session: Session; panels: Panels }) {
   const active = panels.isActive("Renders");
   const renders = useSignal<RenderEntry[]>([]);
   /** Number of requests at the last download of the list. */
@@ -58,7 +58,7 @@ export function RendersPanel({ viewer }: { viewer: Viewer }) {
       </p>
       <ul class="renders" hidden={known === 0}>
         {renders.value.map((render) => (
-          <Item key={render.id} render={render} viewer={viewer} />
+          <Item key={render.id} render={render} panels={panels} />
         ))}
       </ul>
     </section>

@@ -3,7 +3,8 @@
 import { useSignal } from "@preact/signals";
 import { useEffect, useRef } from "preact/hooks";
 import type { StereoCapture } from "../protocol";
-import type { Viewer } from "../view/viewer";
+import type { Viewer } from "../viewer";
+import type { Panels } from "./panels";
 import { Parameters } from "./parameters";
 
 const IMAGES = { left: "Left", right: "Right", disparity: "Disparity", confidence: "Confidence" } as const;
@@ -11,8 +12,8 @@ type Name = keyof typeof IMAGES;
 const NAMES = Object.keys(IMAGES) as Name[];
 const PERIOD = 500;
 
-export function SensorsPanel({ viewer }: { viewer: Viewer }) {
-  const { session, panels } = viewer;
+export function SensorsPanel({ viewer, panels }: { viewer: Viewer; panels: Panels }) {
+  const { session } = viewer;
   const active = panels.isActive("Stereo");
   const state = useSignal<StereoCapture | null>(null);
   const note = useSignal("Waiting for the gateway …");

@@ -2,8 +2,9 @@
 
 import { useRef } from "preact/hooks";
 import { options, type SwitchName } from "../options";
-import { snapshot } from "../view/downloads";
-import type { Viewer } from "../view/viewer";
+import { snapshot } from "../tools/downloads";
+import type { Viewer } from "../viewer";
+import type { Panels } from "./panels";
 
 interface Shortcut {
   /** Values of `KeyboardEvent.key`; the first one is listed. */
@@ -24,8 +25,8 @@ const MOUSE: [string, string][] = [
 const togglePopover = (id: string) => document.getElementById(id)?.togglePopover();
 const flip = (name: SwitchName) => options[name].choose(options[name].shown.peek() === "on" ? "off" : "on");
 
-function shortcuts(viewer: Viewer): Shortcut[] {
-  const { panels, timeline, measurement, session } = viewer;
+function shortcuts(viewer: Viewer, panels: Panels): Shortcut[] {
+  const { timeline, measurement, session } = viewer;
   const zoom = (factor: number) => viewer.stage.rig.controls.dollyIn(factor);
   return [
     { keys: ["f"], text: "Fit the selection, or everything", run: () => viewer.fit() },
@@ -63,11 +64,11 @@ function takesText(target: EventTarget | null): boolean {
 }
 
 /** Run shortcuts wherever no text is typed. Escape leaves a text. */
-export function listenForShortcuts(viewer: Viewer): void {
-  const actions = new Map(shortcuts(viewer).flatMap(({ keys, run }) => keys.map((key) => [key, run] as const)));
+export function listenForShortcuts(viewer: Viewer, panels: Panels): void {
+  const actions = new Map(shortcuts(viewer, panels).flatMap(({ keys, run }) => keys.map((key) => [key, run] as const)));
   addEventListener("keydown", (event) => {
     const { key, target } = event;
-    if (event.defaultPrevented || event.ctrlKey || event.metaKey || event.altKey || viewer.panels.full.value) return;
+    if (event.defaultPrevented || event.ctrlKey || event.metaKey || event.altKey || panels.full.value) return;
     if (key === "Escape" && document.querySelector(":popover-open")) return; // it closes the menu
     if (takesText(target)) {
       if (key === "Escape") (target as HTMLElement).blur();
@@ -83,8 +84,8 @@ export function listenForShortcuts(viewer: Viewer): void {
   });
 }
 
-export function ShortcutList({ viewer }: { viewer: Viewer }) {
-  const list = useRef(shortcuts(viewer)).current;
+export function ShortcutList({ viewer, panels }: { viewer: Viewer; panels: Panels }) {
+  const list = useRef(shortcuts(viewer, panels)).current;
   const row = (keys: string, text: string) => (
     <tr key={text}>
       <th scope="row">{keys}</th>

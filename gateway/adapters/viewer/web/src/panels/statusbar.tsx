@@ -1,7 +1,7 @@
 // Status bar: a light for all interfaces, facts, rates.
 
 import { softwareDevice } from "../options";
-import { isRecorded } from "../recorded/resources";
+import { isRecorded } from "../resources";
 import type { Session } from "../session";
 import { InterfaceLights } from "../tools/interfacelights";
 

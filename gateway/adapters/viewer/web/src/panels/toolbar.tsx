@@ -1,11 +1,12 @@
 // Toolbar: panels, the view, measuring, the display menu, downloads.
 
-import { isRecorded } from "../recorded/resources";
-import { pageFile, rendering, sceneFile, snapshot } from "../view/downloads";
-import type { Viewer } from "../view/viewer";
-import { Button, Download } from "./controls";
+import { isRecorded } from "../resources";
+import { pageFile, rendering, sceneFile, snapshot } from "../tools/downloads";
+import type { Viewer } from "../viewer";
+import { Button, Download } from "../widgets/controls";
+import { Icon } from "../widgets/icons";
 import { DisplayMenu } from "./displaymenu";
-import { Icon } from "./icons";
+import type { Panels } from "./panels";
 
 const HOME = "The home view: everything, from the front right, unless a client has set another (H)";
 const RENDER = "This view by the gateway's rasterizer, as PNG";
@@ -13,8 +14,8 @@ const FILM = "A film of the view as WebM, until the next click (R)";
 const PAGE = "This page with the scene and its recent motion in one file, which opens without a gateway";
 const FILE = "The visible scene as .glb, with this view as its camera";
 
-export function Toolbar({ viewer }: { viewer: Viewer }) {
-  const { panels, measurement, film } = viewer;
+export function Toolbar({ viewer, panels }: { viewer: Viewer; panels: Panels }) {
+  const { measurement, film } = viewer;
   const word = (text: string) => <span class="word">{text}</span>;
   const panel = "Selection, stereo camera, renders, controls (S)";
   return (

@@ -4,10 +4,10 @@ import { useSignal } from "@preact/signals";
 import { useEffect, useMemo, useReducer, useRef } from "preact/hooks";
 import { counted, pathText } from "../format";
 import type { TreeNode } from "../model";
-import type { Viewer } from "../view/viewer";
-import { Button, Opacity } from "./controls";
-import { Icon } from "./icons";
-import { findTyped, listRows, nameOf, type Row } from "./treerows";
+import type { Viewer } from "../viewer";
+import { Button, Opacity } from "../widgets/controls";
+import { Icon } from "../widgets/icons";
+import { findTyped, listRows, type Row } from "./treerows";
 
 /** Height of a row, CSS pixels: a finger needs more than a pointer. */
 const ROW = matchMedia("(pointer: coarse)").matches ? 40 : 26;
@@ -37,7 +37,7 @@ function Families({ viewer }: { viewer: Viewer }) {
         <div key={node.id} class={node.isShown ? "family" : "family hidden"}>
           <Eye node={node} label={`all ${node.name}`} viewer={viewer} />
           <span class="name">{node.name}</span>
-          <Opacity label={`Opacity of ${node.name}`} node={node} viewer={viewer} />
+          <Opacity label={`Opacity of ${node.name}`} node={node} changed={viewer.changed} />
         </div>
       ))}
     </section>
@@ -117,7 +117,7 @@ export function TreePanel({ viewer }: { viewer: Viewer }) {
   const shown = rows.slice(first, first + Math.ceil(clientHeight / ROW) + 12);
   const line = (row: Row, index: number) => {
     const { node, depth } = row;
-    const name = nameOf(node);
+    const name = node.shownName;
     const kinds = counted(node.parts?.map((part) => part.kind) ?? []).join(", ");
     const isParent = node.children.size > 0;
     return (

@@ -10,11 +10,6 @@ export interface Row {
   siblings: number;
 }
 
-/** Return a node's name as it is shown. */
-export function nameOf(node: TreeNode): string {
-  return node.parent ? String(node.name) || '""' : "scene";
-}
-
 /** Return the rows of the tree; with a search, those of paths that contain the text, and of their ancestors. */
 export function listRows(model: Model, search: string, isOpen: (row: Row) => boolean): Row[] {
   const text = search.trim().toLowerCase();
@@ -49,6 +44,6 @@ function findMatching(model: Model, text: string): Set<TreeNode> {
 export function findTyped(rows: Row[], index: number, text: string): number {
   const start = index + (text.length === 1 ? 1 : 0);
   const order = rows.map((_, i) => (start + i + rows.length) % rows.length);
-  const names = rows.map(({ node }) => nameOf(node).toLowerCase());
+  const names = rows.map(({ node }) => node.shownName.toLowerCase());
   return order.find((i) => names[i]!.startsWith(text)) ?? index;
 }

@@ -4,8 +4,8 @@ import { useSignal } from "@preact/signals";
 import type { InputHTMLAttributes, TargetedEvent } from "preact";
 import { useId } from "preact/hooks";
 import { short } from "../format";
-import { Check, Select } from "../panels/controls";
 import type { ControlValue } from "../protocol";
+import { Check, Select } from "../widgets/controls";
 import type { ProgramControl } from "./programcontrols";
 
 interface InputProps {

@@ -2,7 +2,7 @@
 
 import { pathText } from "../format";
 import type { Model } from "../model";
-import { Select } from "../panels/controls";
+import { Select } from "../widgets/controls";
 import { DraftInput, rounded } from "./controlinputs";
 import { numbersOf, poseOf, poseOfNumbers } from "./gizmopose";
 import { GIZMO_MODES, gizmoMode } from "./gizmos";

@@ -2,7 +2,7 @@
 
 import { parse } from "../connection";
 import type { Message, RecordedChannel, RecordedImage, RecordingEnd, SceneUpdate } from "../protocol";
-import { channelPath, imagePath, keepResource } from "./resources";
+import { channelPath, imagePath, keepResource } from "../resources";
 
 /** Bytes before the frame of a record: time (float64), size of the frame (uint32), 0. */
 const PREFIX_BYTES = 16;

@@ -1,7 +1,7 @@
 // A film of the view, recorded by the browser.
 
 import { signal } from "@preact/signals";
-import { saveBlob } from "../view/downloads";
+import { saveBlob } from "../files";
 
 /** Maximum number of frames per second. Only changed frames are in the film. */
 const RATE = 30;

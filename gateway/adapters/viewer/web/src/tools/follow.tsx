@@ -4,10 +4,10 @@ import { signal } from "@preact/signals";
 import { Matrix4, Quaternion, Vector3 } from "three";
 import { pathText } from "../format";
 import type { Model, TreeNode } from "../model";
-import { Button, Pill, Select } from "../panels/controls";
 import type { Path, Vector } from "../protocol";
 import type { CameraView } from "../view/camera";
 import type { CameraRig } from "../view/camerarig";
+import { Button, Pill, Select } from "../widgets/controls";
 
 /** `follow`: the camera is moved with the node and keeps its heading; `ride`: it is turned with the node, too. */
 export type FollowMode = "follow" | "ride";

@@ -1,17 +1,9 @@
 // Axes and names of nodes over the scene, and their choices in the details panel. Axes have the same size at any distance.
 
 import { AxesHelper, type Camera, LineSegments, Object3D, Vector3 } from "three";
-import type { Model, TreeNode } from "../model";
-import { Check } from "../panels/controls";
-import { nameOf } from "../panels/treerows";
+import type { Mark, Model, TreeNode } from "../model";
+import { Check } from "../widgets/controls";
 
-/** What is shown of a node. */
-export interface Mark {
-  axes: boolean;
-  name: boolean;
-  /** True: also of all nodes below it. */
-  below: boolean;
-}
 /** Number of nodes up to which marks are shown. */
 export const MAX_MARKS = 500;
 /** Length of an axis as a fraction of the view's height. */
@@ -57,7 +49,7 @@ export class Marks {
     for (const [node, { axes, name }] of markedNodes(this.model))
       this.marks.set(node, {
         axes: axes ? this.newAxes() : null,
-        label: name ? Object.assign(document.createElement("span"), { textContent: nameOf(node) }) : null,
+        label: name ? Object.assign(document.createElement("span"), { textContent: node.shownName }) : null,
       });
     this.labels.replaceChildren(...[...this.marks.values()].flatMap(({ label }) => label ?? []));
     this.move();

@@ -3,8 +3,8 @@
 import { effect, signal } from "@preact/signals";
 import { BufferAttribute, BufferGeometry, LineBasicMaterial, LineSegments, Object3D, Points, PointsMaterial, Vector3 } from "three";
 import { shortRow } from "../format";
-import { Button, Pill } from "../panels/controls";
 import type { Vector } from "../protocol";
+import { Button, Pill } from "../widgets/controls";
 
 /** Return what a measurement says: the first point, then the distance, its parts along the axes, and the two points. */
 export function measured(points: readonly Vector[]): { distance: string; details: string; ends?: string } {

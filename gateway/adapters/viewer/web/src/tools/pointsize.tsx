@@ -1,14 +1,9 @@
 // Size of all points: as published, in pixels, or in metres.
 
 import { useSignal } from "@preact/signals";
-import { Select } from "../panels/controls";
-import type { Materials } from "../view/materials";
+import type { Materials, PointSize } from "../view/materials";
+import { Select } from "../widgets/controls";
 
-/** `sent`: as published. */
-export interface PointSize {
-  unit: "sent" | "pixels" | "metres";
-  size: number;
-}
 const UNITS: [PointSize["unit"], string][] = [
   ["sent", "As published"],
   ["pixels", "Pixels"],

@@ -3,12 +3,9 @@
 import { type Signal, useSignal } from "@preact/signals";
 import { Matrix4 } from "three";
 import { pathText } from "../format";
-import type { Model, TreeNode } from "../model";
-import { Field } from "../panels/controls";
-import type { Path } from "../protocol";
+import type { Frame, Model, TreeNode } from "../model";
+import { Field } from "../widgets/controls";
 
-/** Frame in which poses are shown; a path is that of a node. */
-export type Frame = "world" | "parent" | Path;
 /** Number of nodes among which a frame can be chosen. */
 const MAX_FRAMES = 2000;
 

@@ -1,9 +1,9 @@
 // The bar below the view: pause, drag, step, rate, loop, live.
 
-import { Button, Select } from "../panels/controls";
 import type { TimeState } from "../protocol";
-import { isRecorded } from "../recorded/resources";
+import { isRecorded } from "../resources";
 import type { Session } from "../session";
+import { Button, Select } from "../widgets/controls";
 import { clockText, duration, momentText, type Timeline } from "./timeline";
 
 const RATES = ["0.1", "0.25", "0.5", "1", "2", "5", "10"].map((rate) => [rate, `${rate}×`] as [string, string]);

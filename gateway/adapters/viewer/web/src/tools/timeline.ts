@@ -22,7 +22,11 @@ export class Timeline {
     private readonly send: (command: TimeCommand) => void,
     private readonly moved: () => void,
   ) {
-    this.moment.subscribe(moved);
+    let shown = this.moment.peek();
+    this.moment.subscribe((moment) => {
+      if (moment !== shown) moved();
+      shown = moment;
+    });
   }
 
   receive(state: TimeState): void {

@@ -5,7 +5,6 @@ import { OrbitControls } from "three/addons/controls/OrbitControls.js";
 import type { Vector } from "../protocol";
 import { type CameraView, DIRECTIONS, type Direction, frame } from "./camera";
 import { CLOUD_LAYER } from "./cloudprogress";
-import type { Stage } from "./stage";
 
 /** Vertical field of view, degrees. */
 const FOV = 45;
@@ -33,20 +32,26 @@ export class CameraRig {
   /** Distance of the target when the camera was last placed, metres. */
   private framedDistance = 1;
 
-  constructor(private readonly stage: Stage) {
+  /** @param placed called with half the height of the view at its target, metres, after the camera was placed */
+  constructor(
+    holder: HTMLElement,
+    private readonly canvas: HTMLElement,
+    private readonly moved: () => void,
+    private readonly placed: (halfHeight: number) => void,
+  ) {
     for (const camera of [this.perspective, this.orthographic]) camera.layers.enable(CLOUD_LAYER);
     this.setUp(Z_UP);
     this.controls = this.newControls();
     for (const type of ["pointerdown", "wheel", "keydown"])
-      stage.holder.addEventListener(type, () => this.renewControls(), { capture: true, passive: true });
+      holder.addEventListener(type, () => this.renewControls(), { capture: true, passive: true });
   }
 
   private newControls(): OrbitControls {
-    const controls = new OrbitControls(this.camera, this.stage.canvas);
+    const controls = new OrbitControls(this.camera, this.canvas);
     this.controlsUp.copy(this.camera.up);
     controls.zoomToCursor = true;
-    controls.listenToKeyEvents(this.stage.canvas);
-    controls.addEventListener("change", () => this.stage.moved());
+    controls.listenToKeyEvents(this.canvas);
+    controls.addEventListener("change", this.moved);
     controls.addEventListener("start", () => (this.placements += 1));
     return controls;
   }
@@ -110,7 +115,7 @@ export class CameraRig {
   private set(position: Vector3, target: Vector3): void {
     for (const camera of [this.perspective, this.orthographic]) camera.position.copy(position);
     this.controls.target.copy(target);
-    this.stage.moved();
+    this.moved();
   }
 
   private finishPlacing(halfHeight: number): void {
@@ -119,7 +124,7 @@ export class CameraRig {
     this.halfHeight = halfHeight;
     this.controls.update();
     this.framedDistance = this.controls.getDistance();
-    this.stage.adapt(halfHeight);
+    this.placed(halfHeight);
   }
 
   /**
@@ -145,7 +150,7 @@ export class CameraRig {
 
   /** Return what finds hits of geometry at a point of the page, pixels. */
   rayAt(x: number, y: number): Raycaster {
-    const rect = this.stage.canvas.getBoundingClientRect();
+    const rect = this.canvas.getBoundingClientRect();
     const caster = new Raycaster();
     caster.setFromCamera(new Vector2(((x - rect.left) / rect.width) * 2 - 1, 1 - ((y - rect.top) / rect.height) * 2), this.camera);
     caster.layers.enableAll();

@@ -1,9 +1,9 @@
 // Colours of a point cloud: as published, or by a colormap along an axis or from one of its channels.
 
 import { BufferAttribute, type Points, type Material as ThreeMaterial } from "three";
-import type { TreeNode } from "../model";
+import type { CloudLook, MapName, Range, TreeNode } from "../model";
 import type { Draw, MeshPayload, PagePart } from "../protocol";
-import { addressOf, channelPath } from "../recorded/resources";
+import { addressOf, channelPath } from "../resources";
 import { chunkOf } from "./geometries";
 import type { Materials } from "./materials";
 
@@ -13,14 +13,7 @@ export const COLOR_MAPS = {
   viridis: ["#440154", "#472c7a", "#3b518b", "#2c718e", "#21908d", "#27ad81", "#5cc863", "#aadc32", "#fde725"],
   grey: ["#141414", "#fafafa"],
   "blue–red": ["#3b4cc0", "#dddddd", "#b40426"],
-} as const satisfies Record<string, readonly string[]>;
-
-export type MapName = keyof typeof COLOR_MAPS;
-
-export interface Range {
-  low: number;
-  high: number;
-}
+} as const satisfies Record<MapName, readonly string[]>;
 
 /** Return the range of the finite values; 0 to 1 if there are none. */
 export function rangeOf(values: Float32Array, offset: number, stride: number): Range {
@@ -62,12 +55,6 @@ export function colorize(values: Float32Array, offset: number, stride: number, r
 /** Return a colormap as a CSS background. */
 export function ramp(map: MapName): string {
   return `linear-gradient(90deg, ${COLOR_MAPS[map].join(", ")})`;
-}
-
-export interface CloudLook {
-  /** Source of the colours: "" as published, "x", "y", "z" in the cloud's frame, or a channel as "name" or "name:component". */
-  by: string;
-  map: MapName;
 }
 
 /** Return the choices for the colours of a cloud: value of `by` and label. */

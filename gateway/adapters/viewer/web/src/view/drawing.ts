@@ -5,7 +5,6 @@ import type { Model, ModelChange, TreeNode } from "../model";
 import type { Draw } from "../protocol";
 import { Batch, type BatchInstance } from "./batches";
 import { Geometries } from "./geometries";
-import type { Materials } from "./materials";
 import { type SingleObject, SingleObjects } from "./singleobjects";
 import type { Stage } from "./stage";
 
@@ -14,17 +13,17 @@ type Drawn = { local: Matrix4 | null } & ({ object: Batch; instance: BatchInstan
 
 export class Drawing {
   readonly root = new Object3D();
-  readonly geometries = new Geometries();
-  private readonly singles = new SingleObjects(this);
+  private readonly geometries = new Geometries();
+  private readonly singles: SingleObjects;
   /** Batches by mesh id and key of the material. */
   private readonly batches = new Map<string, Batch>();
   private readonly drawn = new Map<TreeNode, Drawn[]>();
 
   constructor(
     private readonly model: Model,
-    readonly materials: Materials,
-    readonly stage: Stage,
+    private readonly stage: Stage,
   ) {
+    this.singles = new SingleObjects(this.geometries, stage);
     this.root.matrixAutoUpdate = false;
     stage.content.add(this.root);
   }
@@ -38,7 +37,7 @@ export class Drawing {
 
   /** Recreate a node's objects after its geometry, visibility or opacity changed. */
   refresh(node: TreeNode): void {
-    const { textures } = this.materials;
+    const { textures } = this.stage.materials;
     const before = (this.drawn.get(node) ?? []).map(({ object }) => object.material);
     this.erase(node);
     if (!node.parts || !node.isVisible) return;
@@ -66,7 +65,7 @@ export class Drawing {
   reset(): void {
     for (const node of [...this.drawn.keys()]) this.erase(node);
     this.forget([...this.model.meshes.keys()]);
-    this.materials.forget();
+    this.stage.materials.forget();
   }
 
   /** Place everything again, after the origin moved. */
@@ -138,10 +137,10 @@ export class Drawing {
   }
 
   private batch(draw: Draw, geometry: BufferGeometry, hasColors: boolean): Batch {
-    const key = `${draw.mesh} ${this.materials.key(draw.material, hasColors)}`;
+    const key = `${draw.mesh} ${this.stage.materials.key(draw.material, hasColors)}`;
     let batch = this.batches.get(key);
     if (!batch) {
-      const material = this.materials.acquire("opaque", draw.material, hasColors);
+      const material = this.stage.materials.acquire("opaque", draw.material, hasColors);
       batch = new Batch(draw.mesh, key, geometry, material, draw.material.castsShadow !== false);
       this.batches.set(key, batch);
       this.root.add(batch);
@@ -154,7 +153,7 @@ export class Drawing {
     if (!this.batches.delete(batch.key)) return;
     batch.removeFromParent();
     batch.dispose();
-    this.materials.release(batch.material);
+    this.stage.materials.release(batch.material);
   }
 
   private move(node: TreeNode): void {

@@ -1,7 +1,8 @@
 // The home view: all of the scene, or the camera that a client has set. It follows the first nodes and the shape of the window.
 
+import type { Box3 } from "three";
 import type { PageSettings } from "../protocol";
-import type { Viewer } from "./viewer";
+import type { CameraRig } from "./camerarig";
 
 /** Time in which the home view follows the nodes that are added. */
 const FRAMING_MS = 2000;
@@ -10,21 +11,26 @@ export class HomeView {
   /** Time until which the home view follows the first nodes, `performance.now()`; publishers send one after the other. */
   private framingEnds = Infinity;
   /** `rig.placements` after the home view was last shown. */
-  private framed = this.viewer.stage.rig.placements;
+  private framed: number;
   private camera?: PageSettings["home"];
 
-  constructor(private readonly viewer: Viewer) {}
+  /** @param focusBoxes returns the bounds that the home view frames */
+  constructor(
+    private readonly rig: CameraRig,
+    private readonly focusBoxes: () => Box3[],
+  ) {
+    this.framed = rig.placements;
+  }
 
   /** True until the camera is moved. */
   get isShown(): boolean {
-    return this.viewer.stage.rig.placements === this.framed;
+    return this.rig.placements === this.framed;
   }
 
   show(): void {
-    const { rig } = this.viewer.stage;
-    if (this.camera) rig.place(this.camera);
-    else rig.look("home", this.viewer.focusBoxes);
-    this.framed = rig.placements;
+    if (this.camera) this.rig.place(this.camera);
+    else this.rig.look("home", this.focusBoxes());
+    this.framed = this.rig.placements;
   }
 
   /** Leave the camera where a link has placed it. */

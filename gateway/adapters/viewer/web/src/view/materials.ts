@@ -3,9 +3,8 @@
 import * as THREE from "three";
 import { LineMaterial } from "three/addons/lines/LineMaterial.js";
 import type { PageMaterial, TextureUse } from "../protocol";
-import type { PointSize } from "../tools/pointsize";
+import type { Lights } from "./lights";
 import { BEFORE_SURFACE, patch, SIZE_IN_METRES } from "./shaders";
-import type { Stage } from "./stage";
 import { Textures } from "./textures";
 
 /** Number of materials up to which unused ones without textures are kept, so that geometry that returns does not compile its shader again. */
@@ -17,8 +16,11 @@ const MAX_MATERIALS = 64;
  */
 export type MaterialKind = "opaque" | "translucent" | "line" | "wideLine" | "points";
 
+/** Size of all points. `sent`: as published. */
+export type PointSize = { unit: "sent" | "pixels" | "metres"; size: number };
+
 export class Materials {
-  readonly textures = new Textures(this.stage);
+  readonly textures = new Textures(() => this.redraw());
   /** Materials by their properties. `userData`: number of `users`, `textures`, and `size` of points. */
   private readonly shared = new Map<string, THREE.Material>();
   /** True if a material was released since the last `disposeUnused`. */
@@ -26,7 +28,10 @@ export class Materials {
   private wireframe = false;
   private pointSize: PointSize = { unit: "sent", size: 0 };
 
-  constructor(private readonly stage: Stage) {}
+  constructor(
+    private readonly lights: Lights,
+    private readonly redraw: () => void,
+  ) {}
 
   get areTranslucent(): boolean {
     return [...this.shared.values()].some(({ userData, transparent }) => userData.users > 0 && transparent);
@@ -85,19 +90,19 @@ export class Materials {
 
   renewEnvironment(): void {
     for (const material of this.shared.values())
-      if (material instanceof THREE.MeshStandardMaterial && material.envMap) material.envMap = this.stage.lights.environmentMap;
+      if (material instanceof THREE.MeshStandardMaterial && material.envMap) material.envMap = this.lights.environmentMap;
   }
 
   setWireframe(on: boolean): void {
     this.wireframe = on;
     for (const material of this.shared.values()) if ("wireframe" in material) material.wireframe = on;
-    this.stage.redraw();
+    this.redraw();
   }
 
   setPointSize(size: PointSize): void {
     this.pointSize = size;
     for (const material of this.shared.values()) if (material instanceof THREE.PointsMaterial) this.sizePoints(material);
-    this.stage.redraw();
+    this.redraw();
   }
 
   private sizePoints(material: THREE.PointsMaterial): THREE.PointsMaterial {
@@ -151,7 +156,7 @@ export class Materials {
       metalnessMap: map,
       roughness,
       roughnessMap: map,
-      envMap: metallic > 0 ? this.stage.lights.environmentMap : null,
+      envMap: metallic > 0 ? this.lights.environmentMap : null,
       envMapRotation: new THREE.Euler(Math.PI / 2, 0, 0),
     });
   }

@@ -2,7 +2,6 @@
 
 import type { TreeNode } from "../model";
 import type { Click, Path, Vector } from "../protocol";
-import type { Viewer } from "./viewer";
 
 /** Buttons by their number in MouseEvent.button. */
 const BUTTONS: readonly Click["button"][] = ["left", "middle", "right"];
@@ -33,8 +32,13 @@ export class Clickable {
   private hovered: PointerEvent | null = null;
   private timer = 0;
 
-  constructor(private readonly viewer: Viewer) {
-    viewer.stage.canvas.addEventListener("pointermove", (event) => {
+  /** @param nodeAt returns the node at a point of the page, pixels */
+  constructor(
+    private readonly canvas: HTMLElement,
+    private readonly nodeAt: (x: number, y: number) => TreeNode | undefined,
+    private readonly send: (click: Click) => void,
+  ) {
+    canvas.addEventListener("pointermove", (event) => {
       if (!this.paths.length || event.buttons !== 0) return;
       this.hovered = event;
       this.timer ||= setTimeout(() => this.showCursor(), HOVER_INTERVAL);
@@ -43,12 +47,12 @@ export class Clickable {
 
   setPaths(paths: Path[]): void {
     this.paths = paths;
-    if (!paths.length) this.viewer.stage.canvas.style.cursor = "";
+    if (!paths.length) this.canvas.style.cursor = "";
   }
 
   /** Report a click on a node if a client wants it. */
   report(node: TreeNode, point: Vector, button: Click["button"]): void {
-    if (this.has(node)) this.viewer.report({ node: node.id, point, button });
+    if (this.has(node)) this.send({ node: node.id, point, button });
   }
 
   private has({ path }: TreeNode): boolean {
@@ -58,8 +62,7 @@ export class Clickable {
   private showCursor(): void {
     this.timer = 0;
     if (!this.paths.length || !this.hovered) return;
-    const hit = this.viewer.stage.pick(this.hovered.clientX, this.hovered.clientY);
-    const node = hit && this.viewer.drawing.nodeAt(hit);
-    this.viewer.stage.canvas.style.cursor = node && this.has(node) ? "pointer" : "";
+    const node = this.nodeAt(this.hovered.clientX, this.hovered.clientY);
+    this.canvas.style.cursor = node && this.has(node) ? "pointer" : "";
   }
 }

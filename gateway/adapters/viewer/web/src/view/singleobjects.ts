@@ -6,8 +6,9 @@ import { LineSegments2 } from "three/addons/lines/LineSegments2.js";
 import type { TreeNode } from "../model";
 import type { Draw, MeshPayload } from "../protocol";
 import { colorPoints } from "./clouds";
-import type { Drawing } from "./drawing";
+import type { Geometries } from "./geometries";
 import type { MaterialKind } from "./materials";
+import type { Stage } from "./stage";
 
 /** Object of a draw. The first chunk of a point cloud has the others as children. */
 export type SingleObject = Mesh | LineSegments | LineSegments2 | Points;
@@ -15,7 +16,10 @@ export type SingleObject = Mesh | LineSegments | LineSegments2 | Points;
 const PICKED_CHUNKS = 8;
 
 export class SingleObjects {
-  constructor(private readonly drawing: Drawing) {}
+  constructor(
+    private readonly geometries: Geometries,
+    private readonly stage: Stage,
+  ) {}
 
   make(node: TreeNode, draw: Draw, payload: MeshPayload, facesCamera: boolean): SingleObject {
     const object = this.create(node, draw, payload);
@@ -27,8 +31,8 @@ export class SingleObjects {
   }
 
   private create(node: TreeNode, draw: Draw, payload: MeshPayload): SingleObject {
-    const { geometries, materials } = this.drawing;
-    const material = (kind: MaterialKind) => materials.acquire(kind, draw.material, payload.color !== undefined, node.combinedOpacity);
+    const { geometries, stage } = this;
+    const material = (kind: MaterialKind) => stage.materials.acquire(kind, draw.material, payload.color !== undefined, node.combinedOpacity);
     if (payload.topology === 3) return new Mesh(geometries.whole(payload), material("translucent"));
     if (payload.topology === 1) return this.points(node, draw, payload, material("points"));
     if ((draw.material.lineWidth ?? 1) > 1) return new LineSegments2(geometries.wideLine(payload), material("wideLine") as LineMaterial);
@@ -36,7 +40,7 @@ export class SingleObjects {
   }
 
   private points(node: TreeNode, draw: Draw, payload: MeshPayload, material: Material): Points {
-    const { geometries, materials, stage } = this.drawing;
+    const { geometries, stage } = this;
     const objects = geometries.chunks(payload).map((geometry) => new Points(geometry, material));
     const [first, ...others] = objects as [Points, ...Points[]];
     objects.forEach((object, number) => {
@@ -45,16 +49,16 @@ export class SingleObjects {
       object.userData.node = node;
     });
     if (others.length) first.add(...others);
-    if (node.cloud) void colorPoints(node, draw, objects, payload, materials).then(stage.redraw);
+    if (node.cloud) void colorPoints(node, draw, objects, payload, stage.materials).then(stage.redraw);
     return first;
   }
 
   remove(object: SingleObject): void {
     object.removeFromParent();
-    this.drawing.materials.release(object.material as Material);
+    this.stage.materials.release(object.material as Material);
     const objects = [object, ...object.children];
     for (const each of objects) (each.userData.ownGeometry as BufferGeometry | undefined)?.dispose();
-    if (objects.length > 1) this.drawing.stage.clouds.remove(new Set(objects));
+    if (objects.length > 1) this.stage.clouds.remove(new Set(objects));
   }
 }
 

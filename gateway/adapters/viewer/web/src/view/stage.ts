@@ -1,25 +1,33 @@
 // The 3D view: the page's scene with lights, grid and axes. It draws only after a change.
 
-import { AxesHelper, Box3, Box3Helper, Color, GridHelper, type Intersection, Object3D, Scene, type WebGLRenderer } from "three";
+import { AxesHelper, Box3, Box3Helper, Color, EventDispatcher, GridHelper, type Intersection, Object3D, Scene } from "three";
 import { CameraRig } from "./camerarig";
 import { CloudProgress } from "./cloudprogress";
-import { imageQuery } from "./downloads";
 import { Lights } from "./lights";
+import { Materials } from "./materials";
 import { newRenderer, Rendering } from "./rendering";
 import { BEFORE_SURFACE, BEHIND_SURFACE, patch } from "./shaders";
-import type { Viewer } from "./viewer";
 
-export class Stage {
-  readonly holder = this.viewer.holder;
+/** `moved`: the camera has; `originMoved`: the rig's `origin` has; `draw`: an image is about to be drawn; `drawn`: it is. */
+type StageEvents = Record<"moved" | "originMoved" | "draw" | "drawn", object>;
+
+export class Stage extends EventDispatcher<StageEvents> {
+  readonly holder = document.createElement("div");
   readonly scene = new Scene();
   /** Null without WebGL: `canvas` is an image of the gateway then. */
   readonly renderer = newRenderer();
   readonly rendering = this.renderer && new Rendering(this.renderer, this.scene);
   readonly canvas: HTMLElement = this.renderer?.domElement ?? Object.assign(new Image(), { alt: "", draggable: false });
   readonly lights = new Lights(this.renderer);
+  readonly materials = new Materials(this.lights, () => this.redraw());
   readonly grid = new GridHelper(20, 20, 0xffffff, 0xffffff);
   readonly axes = new AxesHelper(0.5);
-  readonly rig = new CameraRig(this);
+  readonly rig = new CameraRig(
+    this.holder,
+    this.canvas,
+    () => this.moved(),
+    (halfHeight) => this.adapt(halfHeight),
+  );
   /** Point clouds of several chunks. */
   readonly clouds = new CloudProgress();
   /** Objects of the scene, which `pick` searches. */
@@ -31,7 +39,9 @@ export class Stage {
   /** Number of frames drawn. */
   frames = 0;
 
-  constructor(private readonly viewer: Viewer) {
+  /** @param imageQuery returns the parameters of the gateway's image of the view */
+  constructor(private readonly imageQuery: () => URLSearchParams) {
+    super();
     this.canvas.tabIndex = 0;
     this.canvas.setAttribute("aria-label", "3D view of the scene");
     this.holder.append(this.canvas);
@@ -57,9 +67,9 @@ export class Stage {
     this.dirty = true;
   };
 
-  moved(): void {
+  private moved(): void {
     this.redraw();
-    this.viewer.cameraMoved();
+    this.dispatchEvent({ type: "moved" });
   }
 
   show(object: Object3D, on: boolean): void {
@@ -105,7 +115,7 @@ export class Stage {
   }
 
   /** Set the grid's cells to a power of ten in metres that suits the placed camera. */
-  adapt(halfHeight: number): void {
+  private adapt(halfHeight: number): void {
     const cell = 10 ** Math.floor(Math.log10(halfHeight));
     for (const object of [this.grid, this.axes]) object.scale.setScalar(cell);
     this.resize();
@@ -115,9 +125,9 @@ export class Stage {
     const { canvas, rendering, rig } = this;
     rig.controls.update();
     if (rig.moveOrigin()) this.placeWorld();
-    if (this.dirty && this.renderer) this.drawImage(this.renderer);
+    if (this.dirty && rendering) this.drawImage(rendering);
     else if (this.dirty && canvas instanceof HTMLImageElement && canvas.complete) this.loadImage(canvas);
-    else if (rendering && this.clouds.refine()) rendering.refine(rig.camera, this.viewer.materials.areTranslucent);
+    else if (rendering && this.clouds.refine()) rendering.refine(rig.camera, this.materials.areTranslucent);
     else return;
     this.frames += 1;
   }
@@ -125,7 +135,7 @@ export class Stage {
   private placeWorld(): void {
     this.world.position.copy(this.rig.origin).negate();
     this.grid.position.z = -this.rig.origin.z; // near the target, at the world's height 0
-    this.viewer.originMoved();
+    this.dispatchEvent({ type: "originMoved" });
   }
 
   /** Show the gateway's image of this view, after the previous one has arrived. */
@@ -133,17 +143,17 @@ export class Stage {
     this.dirty = false;
     this.scene.updateMatrixWorld();
     this.rig.camera.updateMatrixWorld();
-    image.src = `view/frame.jpg?${imageQuery(this.viewer)}&number=${this.frames}`;
-    this.viewer.drawn();
+    image.src = `view/frame.jpg?${this.imageQuery()}&number=${this.frames}`;
+    this.dispatchEvent({ type: "drawn" });
   }
 
-  private drawImage(renderer: WebGLRenderer): void {
-    const { viewer, rendering, rig } = this;
+  private drawImage(rendering: Rendering): void {
+    const { rig } = this;
     this.dirty = false;
     rig.updateClippingPlanes();
-    this.clouds.start(rendering?.hasOcclusion === true);
-    viewer.topView.draw(renderer, this.scene, rig.controls.target, rig.halfHeightAtTarget);
-    rendering?.draw(rig.camera, rig.halfHeightAtTarget, viewer.materials.areTranslucent);
-    viewer.drawn();
+    this.clouds.start(rendering.hasOcclusion);
+    this.dispatchEvent({ type: "draw" });
+    rendering.draw(rig.camera, rig.halfHeightAtTarget, this.materials.areTranslucent);
+    this.dispatchEvent({ type: "drawn" });
   }
 }

@@ -2,8 +2,7 @@
 
 import * as THREE from "three";
 import type { TextureUse } from "../protocol";
-import { addressOf, imagePath } from "../recorded/resources";
-import type { Stage } from "./stage";
+import { addressOf, imagePath } from "../resources";
 
 const WRAP: Record<number, THREE.Wrapping> = { 10497: THREE.RepeatWrapping, 33071: THREE.ClampToEdgeWrapping, 33648: THREE.MirroredRepeatWrapping };
 /** Milliseconds before a failed download is repeated. */
@@ -27,7 +26,7 @@ export class Textures {
   /** Texture that new ones show until they are downloaded: that of the draw that they replace. */
   replaced: THREE.Texture | null = null;
 
-  constructor(private readonly stage: Stage) {}
+  constructor(private readonly redraw: () => void) {}
 
   get(use: TextureUse | undefined, colorSpace: typeof THREE.SRGBColorSpace | typeof THREE.NoColorSpace): THREE.Texture | null {
     if (!use) return null;
@@ -65,7 +64,7 @@ export class Textures {
         each.needsUpdate = true;
       }
       this.downloaded.add(texture);
-      this.stage.redraw();
+      this.redraw();
     };
     this.loader.load(url, show, undefined, () => tries > 1 && setTimeout(again, RETRY_MS));
   }

@@ -1,9 +1,8 @@
 // Buttons, links and form controls of the page.
 
 import type { ButtonHTMLAttributes, ComponentChildren, TargetedEvent } from "preact";
+import { download } from "../files";
 import type { TreeNode } from "../model";
-import { download } from "../view/downloads";
-import type { Viewer } from "../view/viewer";
 import { Icon, type IconName } from "./icons";
 
 interface ButtonProps extends ButtonHTMLAttributes {
@@ -39,10 +38,10 @@ export function Download({ icon, url, children, ...more }: LinkProps) {
 }
 
 /** Slider for the opacity of a node on this page. */
-export function Opacity({ node, label, viewer }: { node: TreeNode; label: string; viewer: Viewer }) {
+export function Opacity({ node, label, changed }: { node: TreeNode; label: string; changed: (node: TreeNode) => void }) {
   const onInput = ({ currentTarget }: TargetedEvent<HTMLInputElement>) => {
     node.ownOpacity = Number(currentTarget.value);
-    viewer.changed(node);
+    changed(node);
   };
   return <input type="range" min={0} max={1} step={0.05} aria-label={label} value={node.shownOpacity} onInput={onInput} />;
 }

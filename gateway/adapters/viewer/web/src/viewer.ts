@@ -1,37 +1,35 @@
-// The 3D view of a session: applies its updates, follows its options, and does what the page's controls ask for.
+// A session and its 3D view: applies updates, follows options, and does what the controls of the page ask for.
 
 import { effect, signal } from "@preact/signals";
 import type { Box3 } from "three";
-import type { TreeNode } from "../model";
-import { type Option, options } from "../options";
-import type { Panels } from "../panels/panels";
-import type { Click, PageLighting, PageSettings, SceneUpdate, TimeCommand } from "../protocol";
-import { isRecorded } from "../recorded/resources";
-import type { Session } from "../session";
-import { CameraAddress } from "../tools/address";
-import { Film } from "../tools/film";
-import { Follow } from "../tools/follow";
-import { Marks } from "../tools/marks";
-import { Measurement } from "../tools/measure";
-import { TopView } from "../tools/sideviews";
-import { Timeline } from "../tools/timeline";
-import type { Direction } from "./camera";
-import { Drawing } from "./drawing";
-import { Frustum } from "./frustum";
-import { HomeView } from "./homeview";
-import { Materials } from "./materials";
-import { Clickable, onTap } from "./pointer";
-import { Stage } from "./stage";
-import { backgroundColors, colorsOn } from "./theme";
+import type { TreeNode } from "./model";
+import { type Option, options } from "./options";
+import type { Click, PageLighting, PageSettings, SceneUpdate, TimeCommand, Vector } from "./protocol";
+import { isRecorded } from "./resources";
+import { Session } from "./session";
+import { CameraAddress } from "./tools/address";
+import { imageQuery } from "./tools/downloads";
+import { Film } from "./tools/film";
+import { Follow } from "./tools/follow";
+import { Marks } from "./tools/marks";
+import { Measurement } from "./tools/measure";
+import { Timeline } from "./tools/timeline";
+import { TopView } from "./tools/topview";
+import type { Direction } from "./view/camera";
+import { Drawing } from "./view/drawing";
+import { Frustum } from "./view/frustum";
+import { HomeView } from "./view/homeview";
+import { Clickable, onTap } from "./view/pointer";
+import { Stage } from "./view/stage";
+import { backgroundColors, colorsOn } from "./view/theme";
 
 type Quaternion = [number, number, number, number];
 
 export class Viewer {
-  readonly holder = document.createElement("div");
+  readonly session = new Session();
+  readonly stage: Stage = new Stage(() => imageQuery(this));
   readonly topView = new TopView();
-  readonly stage = new Stage(this);
-  readonly materials = new Materials(this.stage);
-  readonly drawing = new Drawing(this.session.model, this.materials, this.stage);
+  readonly drawing = new Drawing(this.session.model, this.stage);
   readonly frustum = new Frustum(this.stage.redraw);
   readonly follow = new Follow(this.session.model, () => {
     this.stage.rig.placements += 1; // it is not the home view any more
@@ -39,44 +37,53 @@ export class Viewer {
   });
   readonly film = new Film(this.stage.canvas);
   readonly measurement = new Measurement(this.stage.redraw);
-  readonly marks = new Marks(this.session.model, this.stage.rig.origin, this.holder);
-  readonly timeline = new Timeline(this.report, () => this.address?.write());
+  readonly marks = new Marks(this.session.model, this.stage.rig.origin, this.stage.holder);
+  readonly timeline: Timeline;
   /** Camera whose image is beside the view, in the gateway's syntax; empty: none. */
   readonly sideCamera = signal("");
   /** Rotation of the camera in the world, as a quaternion x, y, z, w. */
   readonly rotation = signal<Quaternion>([0, 0, 0, 1]);
-  private readonly home: HomeView = new HomeView(this);
-  private readonly address: CameraAddress = new CameraAddress(this.stage.rig, this.follow, this.timeline, () => this.home.isShown);
-  private readonly clickable = new Clickable(this);
+  private readonly home = new HomeView(this.stage.rig, () => this.focusBoxes());
+  private readonly address: CameraAddress;
+  private readonly clickable: Clickable;
   private readonly settings = signal<PageSettings>({ kind: "page", background: null, grid: null, home: null, clickable: [] });
 
+  /** @param selected called when the visitor has selected a node */
   constructor(
-    readonly session: Session,
-    readonly panels: Panels,
-    readonly report: (message: Click | TimeCommand) => void,
+    report: (message: Click | TimeCommand) => void,
+    private readonly selected: () => void,
   ) {
     const { stage } = this;
+    const { canvas, rig } = stage;
+    const writeAddress = () => this.address.write();
+    this.timeline = new Timeline(report, writeAddress);
+    this.address = new CameraAddress(rig, this.follow, this.timeline, () => this.home.isShown);
+    this.clickable = new Clickable(canvas, (x, y) => this.hitAt(x, y).node, report);
     stage.scene.add(this.marks.object);
     stage.world.add(this.frustum.object, this.measurement.object);
-    onTap(stage.canvas, (x, y, button) => this.tap(x, y, button));
+    stage.addEventListener("moved", writeAddress);
+    stage.addEventListener("originMoved", () => this.originMoved());
+    stage.addEventListener("draw", () => this.topView.draw(stage));
+    stage.addEventListener("drawn", () => this.drawn());
+    onTap(canvas, (x, y, button) => this.tap(x, y, button));
     this.followOptions();
     this.followGraphicsDevice();
   }
 
-  /** Bounds of what the home view frames. */
-  get focusBoxes(): Box3[] {
+  /** Return the bounds of what the home view frames. */
+  private focusBoxes(): Box3[] {
     return this.drawing.focusBoxes(this.session.model.root);
   }
 
-  attach = (element: Element | null): void => element?.append(this.holder);
+  attach = (element: Element | null): void => element?.append(this.stage.holder);
 
   /** Follow the display options and the selection. */
   private followOptions(): void {
-    const { stage, session, panels } = this;
+    const { stage, session } = this;
     const follow = (option: Option<"off" | "on">, set: (on: boolean) => void) => effect(() => set(option.shown.value === "on"));
     follow(options.grid, (on) => stage.show(stage.grid, on));
     follow(options.axes, (on) => stage.show(stage.axes, on));
-    follow(options.wireframe, (on) => this.materials.setWireframe(on));
+    follow(options.wireframe, (on) => this.stage.materials.setWireframe(on));
     follow(options.orthographic, (on) => stage.setOrthographic(on));
     follow(options.shadows, () => this.placeShadows());
     follow(options.occlusion, (on) => stage.setOcclusion(on));
@@ -88,7 +95,6 @@ export class Viewer {
       for (const material of [this.frustum.object.material, ...this.measurement.materials]) material.color.set(colors.frustum);
       stage.setBackground(colors.background, colors.grid);
     });
-    effect(() => this.frustum.setShown(session.streaming.value || panels.isActive("Stereo")));
     effect(() => {
       session.changes.value;
       this.marks.refresh();
@@ -107,7 +113,7 @@ export class Viewer {
     });
     stage.canvas.addEventListener("webglcontextrestored", () => {
       stage.lights.forgetEnvironment();
-      this.materials.renewEnvironment();
+      this.stage.materials.renewEnvironment();
       graphicsNotice.value = "";
       stage.redraw();
     });
@@ -149,7 +155,7 @@ export class Viewer {
   /** Adopt the light of the gateway's images. */
   light(lighting: PageLighting): void {
     this.stage.lights.set(lighting);
-    this.materials.renewEnvironment();
+    this.stage.materials.renewEnvironment();
     this.placeShadows();
   }
 
@@ -161,8 +167,7 @@ export class Viewer {
     if (this.home.setCamera(next.home)) this.look("home");
   }
 
-  /** Called after the rig's `origin` has changed. */
-  originMoved(): void {
+  private originMoved(): void {
     this.drawing.moveAll();
     this.marks.move();
     this.highlight(this.session.selected.peek());
@@ -176,27 +181,31 @@ export class Viewer {
   /** Fit the lamp's shadow map to the scene, if shadows are on. */
   placeShadows(): void {
     const on = options.shadows.shown.peek() === "on";
-    this.stage.lights.castShadows(on ? this.focusBoxes : null);
+    this.stage.lights.castShadows(on ? this.focusBoxes() : null);
     this.stage.redraw();
   }
 
-  private tap(x: number, y: number, button: Click["button"]): void {
+  /** Return what is at a point of the page, pixels: the node, and the point of the world. */
+  private hitAt(x: number, y: number): { node?: TreeNode; point?: Vector } {
     const hit = this.stage.pick(x, y);
-    const node = hit ? (this.drawing.nodeAt(hit) ?? null) : null;
-    const point = hit?.point.add(this.stage.rig.origin).toArray();
+    return hit ? { node: this.drawing.nodeAt(hit), point: hit.point.add(this.stage.rig.origin).toArray() } : {};
+  }
+
+  private tap(x: number, y: number, button: Click["button"]): void {
+    const { node, point } = this.hitAt(x, y);
     if (this.measurement.points.peek() && button === "left") {
       if (point) this.measurement.add(point);
       return;
     }
     if (point && node) this.clickable.report(node, point, button);
     if (button !== "left") return;
-    this.select(node, true);
+    this.select(node ?? null, true);
     this.session.clicked.value = point ?? null;
   }
 
   select = (node: TreeNode | null, reveal = false): void => {
     this.session.select(node, reveal);
-    if (node) this.panels.show("Selection");
+    if (node) this.selected();
   };
 
   /** Draw a node and all below it as this page has changed them; default: the marks alone. */
@@ -208,23 +217,20 @@ export class Viewer {
 
   /** Frame a node; default: the selection, or everything. */
   fit = (node: TreeNode | null = this.session.selected.peek()): void => {
-    this.stage.rig.fit(node ? this.drawing.boxes(node) : this.focusBoxes);
+    this.stage.rig.fit(node ? this.drawing.boxes(node) : this.focusBoxes());
   };
 
   look = (direction: Direction) => {
-    if (direction !== "home") return this.stage.rig.look(direction, this.focusBoxes);
+    if (direction !== "home") return this.stage.rig.look(direction, this.focusBoxes());
     this.follow.stop();
     this.home.show();
   };
 
-  cameraMoved(): void {
-    this.address?.write(); // there is none before the view is complete
-  }
-
-  drawn(): void {
-    const { camera } = this.stage.rig;
-    this.materials.disposeUnused();
-    this.marks.placeNames(camera, this.holder.clientWidth, this.holder.clientHeight);
+  private drawn(): void {
+    const { holder, materials, rig } = this.stage;
+    const { camera } = rig;
+    materials.disposeUnused();
+    this.marks.placeNames(camera, holder.clientWidth, holder.clientHeight);
     const rotation = camera.quaternion.toArray() as Quaternion;
     if (String(rotation) !== String(this.rotation.peek())) this.rotation.value = rotation;
   }

@@ -1,56 +1,10 @@
 // Beside the view: the scene from above, and the image of a camera.
 
-import { signal } from "@preact/signals";
-import { OrthographicCamera, type Scene, Vector2, type Vector3, type WebGLRenderer } from "three";
 import { pathText } from "../format";
-import { Check, Field } from "../panels/controls";
 import type { Path } from "../protocol";
-import { isRecorded } from "../recorded/resources";
-import { CLOUD_LAYER } from "../view/cloudprogress";
-import type { Viewer } from "../view/viewer";
-
-/** Half the height of the view from above, as a multiple of that of the view at its target. */
-const ENLARGED = 1.5;
-
-/** The scene from above: drawn by the view's renderer into a corner of its canvas, and copied from there. */
-export class TopView {
-  /** True: it is beside the view. */
-  readonly isShown = signal(false);
-  readonly canvas = document.createElement("canvas");
-  private readonly camera = new OrthographicCamera();
-
-  constructor() {
-    this.canvas.setAttribute("aria-label", "The scene from above");
-    this.canvas.setAttribute("role", "img");
-    this.camera.layers.enable(CLOUD_LAYER);
-  }
-
-  /** Draw the surroundings of a target. The corner of the renderer's canvas is drawn over afterwards. */
-  draw(renderer: WebGLRenderer, scene: Scene, target: Vector3, halfHeight: number): void {
-    const { canvas, camera } = this;
-    if (!this.isShown.peek()) return;
-    const view = renderer.getSize(new Vector2());
-    const width = Math.min(canvas.clientWidth, view.x);
-    const height = Math.min(canvas.clientHeight, view.y);
-    if (!width || !height) return;
-    const half = ENLARGED * halfHeight;
-    Object.assign(camera, { left: (-half * width) / height, right: (half * width) / height, top: half, bottom: -half });
-    Object.assign(camera, { near: 0, far: 2000 * half });
-    camera.updateProjectionMatrix();
-    camera.position.copy(target).setZ(target.z + 1000 * half);
-    camera.lookAt(target);
-    renderer.setViewport(0, 0, width, height);
-    renderer.setScissor(0, 0, width, height);
-    renderer.setScissorTest(true);
-    renderer.render(scene, camera);
-    renderer.setScissorTest(false);
-    renderer.setViewport(0, 0, view.x, view.y);
-    const ratio = renderer.getPixelRatio();
-    const [w, h] = [Math.floor(width * ratio), Math.floor(height * ratio)];
-    if (canvas.width !== w || canvas.height !== h) Object.assign(canvas, { width: w, height: h });
-    canvas.getContext("2d")?.drawImage(renderer.domElement, 0, renderer.domElement.height - h, w, h, 0, 0, w, h);
-  }
-}
+import { isRecorded } from "../resources";
+import type { Viewer } from "../viewer";
+import { Check, Field } from "../widgets/controls";
 
 /** Size of a camera's image, pixels. */
 const SIZE = "width=480&height=360";
