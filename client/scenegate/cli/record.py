@@ -25,7 +25,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("out", metavar="OUT.lcmlog", type=Path, nargs="?", help=help_text)
     add_lcm_url(parser)
     add_channels(parser)
-    help_text = "stop this long after the first message of each source; 0: when interrupted (default: 0)"
+    help_text = (
+        "stop after this time, with --mcap from the first message of each source on; 0: when interrupted (default: 0)"
+    )
     parser.add_argument("--seconds", type=at_least(0.0), default=0.0, help=help_text)
     record_mcap.add_arguments(parser)
 
