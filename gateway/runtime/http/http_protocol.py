@@ -166,7 +166,8 @@ class BoundedHttpProtocol(SlicedReads, HttpToolsProtocol):
         self.scope["headers"] = [*self.headers]  # without trailers, since a proxy may not have checked them
         self.scope[CONNECTION] = self  # type: ignore[typeddict-unknown-key]
         super().on_headers_complete()
-        self.cycle.transport = self._responses  # type: ignore[assignment]  # the part of a transport that a cycle uses
+        if self.cycle is not None:  # not a WebSocket handshake
+            self.cycle.transport = self._responses  # type: ignore[assignment]  # the part of it that a cycle uses
         self._unanswered += 1
         self._enter(State.BODY)
 
