@@ -48,6 +48,9 @@ _WHOLE_READ_BYTES: Final = 1 << 20
 _BUFFER_GROWTH: Final = 16
 """Maximum size of a body's buffer per byte that has arrived: a client that only announces bytes gets no memory. The
 first read of a large body brings 256 kB."""
+MAX_BUFFER_BYTES: Final = 32 << 20
+"""Maximum size of such a buffer: clearing 32 MB blocks the event loop for some milliseconds. Scenes of Drake's users
+have 20 to 30 MB with textures."""
 _MIN_BUFFER_BYTES: Final = 64 << 10
 """Minimum size of such a buffer, unless the body is smaller."""
 
@@ -181,15 +184,18 @@ class BoundedHttpProtocol(SlicedReads, HttpToolsProtocol):
         """Return the whole body of a request, read from the socket into one buffer without the parser.
 
         Returns:
-            None for a chunked body, and for a request that is not the newest one of its connection.
+            None for a body that is chunked or larger than ``MAX_BUFFER_BYTES``, and for a request that is not the
+            newest one of its connection.
 
         Raises:
             ClientDisconnect: the client disconnected.
             Exception: raised by ``on_bytes``.
         """
         cycle = self.cycle
+        if self._chunked or self._content_length > MAX_BUFFER_BYTES:
+            return None
         # Middleware may have replaced the scope, but not its headers.
-        if self._chunked or cycle.scope["headers"] is not scope["headers"] or cycle.disconnected:
+        if cycle.scope["headers"] is not scope["headers"] or cycle.disconnected:
             return None
         parsed, cycle.body = cycle.body, bytearray()
         if not cycle.more_body:

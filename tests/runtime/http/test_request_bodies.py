@@ -11,6 +11,7 @@ import pytest
 from fastapi import FastAPI, Request, Response
 from starlette.requests import ClientDisconnect
 
+from gateway.runtime.http import http_protocol
 from gateway.runtime.http.disconnect import while_connected
 from gateway.runtime.http.http_protocol import CONNECTION, BoundedHttpProtocol
 from tests.runtime.http.listening import listening
@@ -211,6 +212,15 @@ async def test_unsupported_upgrade_without_a_body_is_ignored(endpoint: Applicati
         writer.write(b"GET /take HTTP/1.1\r\nhost: h\r\nconnection: Upgrade\r\nupgrade: h2c\r\n\r\n")
         status, _ = await answer(reader)
         assert status == 405
+
+
+async def test_larger_bodies_arrive_in_pieces(endpoint: Application, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(http_protocol, "MAX_BUFFER_BYTES", 200_000)
+    async with serving(endpoint) as connect, connect() as (reader, writer):
+        for size in (200_000, 200_001, 200_000):
+            writer.write(post(b"x" * size))
+            assert await answer(reader) == (200, summary(b"x" * size))
+    assert endpoint.received == 600_001
 
 
 async def test_buffer_grows_with_what_has_arrived() -> None:
