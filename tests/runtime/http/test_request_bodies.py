@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import asyncio
+import ssl
 from collections.abc import AsyncIterator, Callable
 from contextlib import AbstractAsyncContextManager, asynccontextmanager
 from dataclasses import dataclass, field
+from pathlib import Path
 
 import pytest
 from fastapi import FastAPI, Request, Response
@@ -15,6 +17,7 @@ from gateway.runtime.http import http_protocol
 from gateway.runtime.http.disconnect import while_connected
 from gateway.runtime.http.http_protocol import CONNECTION, BoundedHttpProtocol
 from tests.runtime.http.listening import listening
+from tests.support.certificates import certificate
 from tests.support.waiting import SECONDS, until
 
 Address = tuple[asyncio.StreamReader, asyncio.StreamWriter]
@@ -221,6 +224,30 @@ async def test_larger_bodies_arrive_in_pieces(endpoint: Application, monkeypatch
             writer.write(post(b"x" * size))
             assert await answer(reader) == (200, summary(b"x" * size))
     assert endpoint.received == 600_001
+
+
+async def test_bodies_over_tls(endpoint: Application, tmp_path: Path) -> None:
+    tls = certificate(tmp_path)
+    app = FastAPI()
+
+    @app.post("/take")
+    async def take(request: Request) -> Response:
+        return await endpoint(request)
+
+    context = ssl.create_default_context(cafile=str(tls[0]))
+    body = bytes(range(256)) * 4000
+    async with listening(app, tls) as port, asyncio.timeout(SECONDS):
+        reader, writer = await asyncio.open_connection("127.0.0.1", port, ssl=context)
+        for _ in range(2):
+            for start in range(0, len(whole := post(body)), 300_000):
+                writer.write(whole[start : start + 300_000])
+                await writer.drain()
+            assert await answer(reader) == (200, summary(body))
+        writer.write(post(b"first") + post(b"second"))
+        assert [await answer(reader) for _ in range(2)] == [(200, summary(b"first")), (200, summary(b"second"))]
+        writer.write(post(body)[:300_000])
+        writer.close()
+        await until(lambda: endpoint.outcomes[4:] == ["ClientDisconnect"])
 
 
 async def test_buffer_grows_with_what_has_arrived() -> None:
