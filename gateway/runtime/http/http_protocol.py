@@ -375,9 +375,8 @@ class BodyReceiver(asyncio.BufferedProtocol):
     def stop(self) -> None:
         """End the reception, if it has not ended."""
         if self._is_receiving:
-            self._is_receiving = False
             self._http.skip(memoryview(self._buffer)[self._parsed_count : self._count])
-            self._replace_protocol(self._http)
+            self._end()
 
     def get_buffer(self, sizehint: int) -> memoryview:
         """Return the free part of the buffer."""
@@ -395,11 +394,10 @@ class BodyReceiver(asyncio.BufferedProtocol):
                 self.body.set_exception(error)
             return
         if self._count == self._length:
-            self._is_receiving = False
-            self._replace_protocol(self._http)
-            self._http.skip_to_end()
             if not self.body.done():
                 self.body.set_result(self._buffer)
+            self._end()
+            self._http.skip_to_end()
         elif self._count == len(self._buffer):
             self._grow()
 
@@ -428,6 +426,12 @@ class BodyReceiver(asyncio.BufferedProtocol):
         larger = bytearray(min(self._length, size))
         larger[: len(self._buffer)] = self._buffer
         self._buffer = larger
+
+    def _end(self) -> None:
+        """Give the transport back to the HTTP protocol. Release the body: uvloop's transport keeps this object."""
+        self._is_receiving = False
+        self._replace_protocol(self._http)
+        self._buffer, self._on_bytes = bytearray(), lambda buffer, count: None
 
     def _replace_protocol(self, protocol: asyncio.BaseProtocol) -> None:
         """Change the protocol of the transport, which may not read meanwhile."""

@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import ssl
+import weakref
 from collections.abc import AsyncIterator, Callable
 from contextlib import AbstractAsyncContextManager, asynccontextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 
 import pytest
+import uvloop
 from fastapi import FastAPI, Request, Response
 from starlette.requests import ClientDisconnect
 
@@ -248,6 +251,36 @@ async def test_bodies_over_tls(endpoint: Application, tmp_path: Path) -> None:
         writer.write(post(body)[:300_000])
         writer.close()
         await until(lambda: endpoint.outcomes[4:] == ["ClientDisconnect"])
+
+
+def test_body_is_released_while_the_connection_stays_open() -> None:
+    """On uvloop, whose transports keep the last protocol that had a buffer."""
+    counters: list[weakref.ref[Callable[[bytearray, int], None]]] = []
+
+    async def run() -> None:
+        app = FastAPI()
+
+        @app.post("/take")
+        async def take(request: Request) -> Response:
+            def on_bytes(buffer: bytearray, count: int) -> None:
+                if count > 500_000:
+                    raise ValueError
+
+            counters.append(weakref.ref(on_bytes))
+            connection: BoundedHttpProtocol = request.scope[CONNECTION]
+            with contextlib.suppress(ValueError):
+                await connection.receive_body(request.scope, on_bytes)
+            return Response(b"taken")
+
+        async with listening(app) as port, asyncio.timeout(SECONDS):
+            reader, writer = await asyncio.open_connection("127.0.0.1", port)
+            for size in (400_000, 600_000):
+                writer.write(post(bytes(size)))
+                assert await answer(reader) == (200, b"taken")
+                await until(lambda: counters[-1]() is None)
+            writer.close()
+
+    uvloop.run(run())
 
 
 async def test_buffer_grows_with_what_has_arrived() -> None:
