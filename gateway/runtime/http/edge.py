@@ -10,7 +10,7 @@ import asyncio
 import re
 import secrets
 import time
-from collections.abc import Callable, Collection
+from collections.abc import Awaitable, Callable, Collection
 from contextlib import suppress
 from typing import Final
 
@@ -69,18 +69,16 @@ class Edge:
         self.headers: Final = protection.headers if protection is not None else ()
         """Headers of every response."""
 
-    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+    def __call__(self, scope: Scope, receive: Receive, send: Send) -> Awaitable[None]:
         if scope["type"] == "lifespan":
-            await self._app(scope, receive, send)
-        elif scope["type"] == "websocket":
-            await self._protect(scope, receive, send)
-        else:
-            response = _Response(scope, receive, send, self.headers)
-            inner_scope = {**scope, "method": "GET"} if scope["method"] == "HEAD" else scope
-            if self._metrics is None:
-                await self._protect(inner_scope, receive, response.send)
-            else:
-                await self._run_logged(self._metrics, scope["method"], inner_scope, response)
+            return self._app(scope, receive, send)
+        if scope["type"] == "websocket":
+            return self._protect(scope, receive, send)
+        response = _Response(scope, receive, send, self.headers)
+        inner_scope = {**scope, "method": "GET"} if scope["method"] == "HEAD" else scope
+        if self._metrics is None:
+            return self._protect(inner_scope, receive, response.send)
+        return self._run_logged(self._metrics, scope["method"], inner_scope, response)
 
     async def _run_logged(self, metrics: Metrics, method: str, scope: Scope, response: _Response) -> None:
         """Run a request with an id, a log line and metrics."""
@@ -111,30 +109,34 @@ class Edge:
             log("request", method=method, path=scope["path"], status=response.status, ms=round(seconds * 1e3, 1))
             structlog.contextvars.unbind_contextvars("request_id")
 
-    async def _protect(self, scope: Scope, receive: Receive, send: Send) -> None:
+    def _protect(self, scope: Scope, receive: Receive, send: Send) -> Awaitable[None]:
         """Refuse what may come from a page of another site."""
         refusal = self._protection.refusal(scope) if self._protection is not None else None
         if refusal is None:
-            await self._admit(scope, receive, send)
-        elif scope["type"] == "http":
-            await refusal(scope, receive, send)
-        else:
-            await _close(send, "the Host header names another host")
+            return self._admit(scope, receive, send)
+        if scope["type"] == "http":
+            return refusal(scope, receive, send)
+        return _close(send, "the Host header names another host")
 
-    async def _check_access(self, scope: Scope, receive: Receive, send: Send) -> None:
+    def _check_access(self, scope: Scope, receive: Receive, send: Send) -> Awaitable[None]:
         """Refuse requests without a token, before their body is read. Hold them until the gateway has started."""
         refusal = self._access.refusal(scope) if self._access is not None else None
-        if refusal is not None and scope["type"] == "websocket":
-            await _close(send, "a token is needed")
-            return
-        if refusal is None and self._gate is not None and not self._gate.is_open(scope):
-            refusal = await self._gate.refusal(scope)
+        if refusal is not None:
+            is_websocket = scope["type"] == "websocket"
+            return _close(send, "a token is needed") if is_websocket else refusal(scope, receive, send)
+        if self._gate is not None and not self._gate.is_open(scope):
+            return self._hold(self._gate, scope, receive, send)
+        return self._app(scope, receive, send)
+
+    async def _hold(self, gate: StartGate, scope: Scope, receive: Receive, send: Send) -> None:
+        """Run a request once the gateway has started."""
+        refusal = await gate.refusal(scope)
         await (refusal if refusal is not None else self._app)(scope, receive, send)
 
 
-async def _close(send: Send, reason: str) -> None:
+def _close(send: Send, reason: str) -> Awaitable[None]:
     """Refuse a WebSocket handshake."""
-    await send({"type": "websocket.close", "code": POLICY_VIOLATION, "reason": reason})
+    return send({"type": "websocket.close", "code": POLICY_VIOLATION, "reason": reason})
 
 
 class _Response:

@@ -48,6 +48,9 @@ _WHOLE_READ_BYTES: Final = 1 << 20
 _BUFFER_GROWTH: Final = 16
 """Maximum size of a body's buffer per byte that has arrived: a client that only announces bytes gets no memory. The
 first read of a large body brings 256 kB."""
+MAX_BUFFER_BYTES: Final = 32 << 20
+"""Maximum size of such a buffer: clearing 32 MB blocks the event loop for some milliseconds. Scenes of Drake's users
+have 20 to 30 MB with textures."""
 _MIN_BUFFER_BYTES: Final = 64 << 10
 """Minimum size of such a buffer, unless the body is smaller."""
 
@@ -166,7 +169,8 @@ class BoundedHttpProtocol(SlicedReads, HttpToolsProtocol):
         self.scope["headers"] = [*self.headers]  # without trailers, since a proxy may not have checked them
         self.scope[CONNECTION] = self  # type: ignore[typeddict-unknown-key]
         super().on_headers_complete()
-        self.cycle.transport = self._responses  # type: ignore[assignment]  # the part of a transport that a cycle uses
+        if self.cycle is not None:  # not a WebSocket handshake
+            self.cycle.transport = self._responses  # type: ignore[assignment]  # the part of it that a cycle uses
         self._unanswered += 1
         self._enter(State.BODY)
 
@@ -180,15 +184,18 @@ class BoundedHttpProtocol(SlicedReads, HttpToolsProtocol):
         """Return the whole body of a request, read from the socket into one buffer without the parser.
 
         Returns:
-            None for a chunked body, and for a request that is not the newest one of its connection.
+            None for a body that is chunked or larger than ``MAX_BUFFER_BYTES``, and for a request that is not the
+            newest one of its connection.
 
         Raises:
             ClientDisconnect: the client disconnected.
             Exception: raised by ``on_bytes``.
         """
         cycle = self.cycle
+        if self._chunked or self._content_length > MAX_BUFFER_BYTES:
+            return None
         # Middleware may have replaced the scope, but not its headers.
-        if self._chunked or cycle.scope["headers"] is not scope["headers"] or cycle.disconnected:
+        if cycle.scope["headers"] is not scope["headers"] or cycle.disconnected:
             return None
         parsed, cycle.body = cycle.body, bytearray()
         if not cycle.more_body:
@@ -368,9 +375,8 @@ class BodyReceiver(asyncio.BufferedProtocol):
     def stop(self) -> None:
         """End the reception, if it has not ended."""
         if self._is_receiving:
-            self._is_receiving = False
             self._http.skip(memoryview(self._buffer)[self._parsed_count : self._count])
-            self._replace_protocol(self._http)
+            self._end()
 
     def get_buffer(self, sizehint: int) -> memoryview:
         """Return the free part of the buffer."""
@@ -388,11 +394,10 @@ class BodyReceiver(asyncio.BufferedProtocol):
                 self.body.set_exception(error)
             return
         if self._count == self._length:
-            self._is_receiving = False
-            self._replace_protocol(self._http)
-            self._http.skip_to_end()
             if not self.body.done():
                 self.body.set_result(self._buffer)
+            self._end()
+            self._http.skip_to_end()
         elif self._count == len(self._buffer):
             self._grow()
 
@@ -421,6 +426,12 @@ class BodyReceiver(asyncio.BufferedProtocol):
         larger = bytearray(min(self._length, size))
         larger[: len(self._buffer)] = self._buffer
         self._buffer = larger
+
+    def _end(self) -> None:
+        """Give the transport back to the HTTP protocol. Release the body: uvloop's transport keeps this object."""
+        self._is_receiving = False
+        self._replace_protocol(self._http)
+        self._buffer, self._on_bytes = bytearray(), lambda buffer, count: None
 
     def _replace_protocol(self, protocol: asyncio.BaseProtocol) -> None:
         """Change the protocol of the transport, which may not read meanwhile."""

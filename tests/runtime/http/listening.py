@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
+from pathlib import Path
 
 from fastapi import FastAPI
 
@@ -13,9 +14,9 @@ from tests.support.waiting import until
 
 
 @asynccontextmanager
-async def listening(app: FastAPI) -> AsyncIterator[int]:
-    """Yield the port of a running server."""
-    service = PortService(app, "127.0.0.1", 0)
+async def listening(app: FastAPI, tls: tuple[Path, Path] | None = None) -> AsyncIterator[int]:
+    """Yield the port of a running server; ``tls``: its certificate and key."""
+    service = PortService(app, "127.0.0.1", 0, tls)
     task = asyncio.create_task(service.run())
     try:
         await until(lambda: service.ready or task.done())

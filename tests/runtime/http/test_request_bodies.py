@@ -3,17 +3,24 @@
 from __future__ import annotations
 
 import asyncio
+import contextlib
+import ssl
+import weakref
 from collections.abc import AsyncIterator, Callable
 from contextlib import AbstractAsyncContextManager, asynccontextmanager
 from dataclasses import dataclass, field
+from pathlib import Path
 
 import pytest
+import uvloop
 from fastapi import FastAPI, Request, Response
 from starlette.requests import ClientDisconnect
 
+from gateway.runtime.http import http_protocol
 from gateway.runtime.http.disconnect import while_connected
 from gateway.runtime.http.http_protocol import CONNECTION, BoundedHttpProtocol
 from tests.runtime.http.listening import listening
+from tests.support.certificates import certificate
 from tests.support.waiting import SECONDS, until
 
 Address = tuple[asyncio.StreamReader, asyncio.StreamWriter]
@@ -211,6 +218,69 @@ async def test_unsupported_upgrade_without_a_body_is_ignored(endpoint: Applicati
         writer.write(b"GET /take HTTP/1.1\r\nhost: h\r\nconnection: Upgrade\r\nupgrade: h2c\r\n\r\n")
         status, _ = await answer(reader)
         assert status == 405
+
+
+async def test_larger_bodies_arrive_in_pieces(endpoint: Application, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(http_protocol, "MAX_BUFFER_BYTES", 200_000)
+    async with serving(endpoint) as connect, connect() as (reader, writer):
+        for size in (200_000, 200_001, 200_000):
+            writer.write(post(b"x" * size))
+            assert await answer(reader) == (200, summary(b"x" * size))
+    assert endpoint.received == 600_001
+
+
+async def test_bodies_over_tls(endpoint: Application, tmp_path: Path) -> None:
+    tls = certificate(tmp_path)
+    app = FastAPI()
+
+    @app.post("/take")
+    async def take(request: Request) -> Response:
+        return await endpoint(request)
+
+    context = ssl.create_default_context(cafile=str(tls[0]))
+    body = bytes(range(256)) * 4000
+    async with listening(app, tls) as port, asyncio.timeout(SECONDS):
+        reader, writer = await asyncio.open_connection("127.0.0.1", port, ssl=context)
+        for _ in range(2):
+            for start in range(0, len(whole := post(body)), 300_000):
+                writer.write(whole[start : start + 300_000])
+                await writer.drain()
+            assert await answer(reader) == (200, summary(body))
+        writer.write(post(b"first") + post(b"second"))
+        assert [await answer(reader) for _ in range(2)] == [(200, summary(b"first")), (200, summary(b"second"))]
+        writer.write(post(body)[:300_000])
+        writer.close()
+        await until(lambda: endpoint.outcomes[4:] == ["ClientDisconnect"])
+
+
+def test_body_is_released_while_the_connection_stays_open() -> None:
+    """On uvloop, whose transports keep the last protocol that had a buffer."""
+    counters: list[weakref.ref[Callable[[bytearray, int], None]]] = []
+
+    async def run() -> None:
+        app = FastAPI()
+
+        @app.post("/take")
+        async def take(request: Request) -> Response:
+            def on_bytes(buffer: bytearray, count: int) -> None:
+                if count > 500_000:
+                    raise ValueError
+
+            counters.append(weakref.ref(on_bytes))
+            connection: BoundedHttpProtocol = request.scope[CONNECTION]
+            with contextlib.suppress(ValueError):
+                await connection.receive_body(request.scope, on_bytes)
+            return Response(b"taken")
+
+        async with listening(app) as port, asyncio.timeout(SECONDS):
+            reader, writer = await asyncio.open_connection("127.0.0.1", port)
+            for size in (400_000, 600_000):
+                writer.write(post(bytes(size)))
+                assert await answer(reader) == (200, b"taken")
+                await until(lambda: counters[-1]() is None)
+            writer.close()
+
+    uvloop.run(run())
 
 
 async def test_buffer_grows_with_what_has_arrived() -> None:
