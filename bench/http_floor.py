@@ -1,8 +1,6 @@
 """The least that a server can do with a render request: receive it, hash it, send a stored response.
 
-    python bench/http_floor.py < RESPONSE
-
-Runs on uvloop and httptools without limits, routes or logs. Prints its port.
+``python bench/http_floor.py < RESPONSE`` prints its port. Without limits, routes or logs.
 """
 
 from __future__ import annotations

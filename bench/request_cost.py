@@ -11,6 +11,7 @@ from __future__ import annotations
 import argparse
 import subprocess
 import sys
+import time
 from contextlib import ExitStack
 from itertools import islice
 from pathlib import Path
@@ -55,6 +56,7 @@ def main() -> None:
                 servers[name] = gateway.port, gateway.process.pid
         scenes = {text: render_requests.recorded(folder, number, "depth") for number, text in SCENES.items()}
         servers["floor"] = start_floor(stack, servers["new"][0], scenes["600 kB"].next_body(640, 480))
+        time.sleep(20.0)  # kernels are loaded in the background
         print(heading("a request", *servers))
         for text, scene in scenes.items():
             seen: dict[str, dict[str, list[float]]] = {}
