@@ -51,7 +51,6 @@ types: Any = numba_types  # its stubs lack attributes
 
 I64 = Annotated[int, types.int64]
 I32 = Annotated[int, types.int32]
-I16 = Annotated[int, types.int16]
 I8 = Annotated[int, types.int8]
 U64 = Annotated[int, types.uint64]
 U32 = Annotated[int, types.uint32]

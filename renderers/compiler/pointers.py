@@ -15,7 +15,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
-from renderers.compiler.kernel_types import F32, F64, I32, I64, U8, U16, U32, Pointer, numba_type
+from renderers.compiler.kernel_types import F32, F64, I32, I64, U8, U32, Pointer, numba_type
 from renderers.compiler.numba_typing import intrinsic, ir, types
 
 CACHE_LINE: Final = 64
@@ -91,7 +91,6 @@ f64_at: Callable[[int], Pointer[F64]] = _pointer_to(types.float64)
 i32_at: Callable[[int], Pointer[I32]] = _pointer_to(types.int32)
 i64_at: Callable[[int], Pointer[I64]] = _pointer_to(types.int64)
 u32_at: Callable[[int], Pointer[U32]] = _pointer_to(types.uint32)
-u16_at: Callable[[int], Pointer[U16]] = _pointer_to(types.uint16)
 u8_at: Callable[[int], Pointer[U8]] = _pointer_to(types.uint8)
 
 

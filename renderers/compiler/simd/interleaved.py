@@ -113,21 +113,13 @@ load_octets = _loader(f32x8, LANES, _octet_columns)
 
 @intrinsic
 def load_rows(typing_context: Any, table: Any, indices: Any, positions: Any) -> Any:
-    """Return eight f32x8: the rows of a table whose indices are at eight positions.
-
-    Args:
-        table: pointer to (N, 8) float32.
-        indices: pointer to uint32.
-        positions: i32x8.
-    """
+    """Return eight f32x8: rows of (N, 8) float32, whose uint32 indices are at eight positions, an i32x8."""
     result: Any = types.UniTuple(f32x8, LANES)
 
     def generate(context: Any, builder: Any, sig: Any, args: Any) -> Any:
         table, indices, positions = args
-        offsets = []
-        for lane in range(LANES):
-            index = builder.load(builder.gep(indices, [offset_of(builder, positions, lane)]))
-            offsets.append(builder.mul(builder.zext(index, I64), ir.Constant(I64, LANES)))
+        places = [builder.gep(indices, [offset_of(builder, positions, lane)]) for lane in range(LANES)]
+        offsets = [builder.mul(builder.zext(builder.load(at), I64), ir.Constant(I64, LANES)) for at in places]
         return context.make_tuple(builder, result, _octet_columns(builder, table, offsets))
 
     return result(table, indices, positions), generate

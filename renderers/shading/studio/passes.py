@@ -112,8 +112,8 @@ def paint(
             return
         part = color[rows, columns]
         cameras = tuple(_window_camera(each, rows, columns) for each in cameras)
-        ids, inv_z = visible.ids[rows, columns], visible.inv_z[rows, columns]
-        visible = replace(visible, ids=np.ascontiguousarray(ids), inv_z=np.ascontiguousarray(inv_z))
+        ids = np.ascontiguousarray(visible.ids[rows, columns])
+        visible = replace(visible, ids=ids, inv_z=np.ascontiguousarray(visible.inv_z[rows, columns]))
     mean = _peeled_mean(rasterizer, scene, shading, lighting, cameras, opaque, visible, covered)
     blended = np.empty(part.shape, np.uint8)
     output["color"] = address_of(blended, np.uint8)
@@ -127,8 +127,7 @@ def _covered_pixels(
 ) -> tuple[slice, slice, NDArray[np.bool_]]:
     """Return rows and columns of the pixels in which transparent surfaces cover a sample, and a mask of them there.
 
-    Surfaces that are hidden count as well. If the image permits, the columns are whole vectors: layers of other widths
-    are copied.
+    Hidden surfaces count, too. The columns are whole vectors if the image permits: layers of other widths are copied.
     """
     covered = np.zeros((cameras[0].height, cameras[0].width), np.bool_)
     for camera in cameras:
@@ -201,7 +200,6 @@ def _layer_shader(
     """Return a function that shades layers of a view, given their ids; see ``shade_rows``.
 
     Args:
-        layer: one of them.
         mode: as in ``shade_rows``.
         target: address of the accumulated rows; 0: none.
         output: address of an StudioOutput; 0: none.
@@ -209,15 +207,12 @@ def _layer_shader(
     job, keep = _job(shading, lighting, layer.X_camera_mesh, layer.first_ids, camera)
     job_address, width = address_of(job, layout.StudioInputs.dtype), camera.width
 
-    def shade(ids: NDArray[np.int32]) -> None:
-        def shade_band(begin: int, end: int) -> None:
-            ids_address = address_of(ids[begin:], np.int32)
-            shade_rows(mode, job_address, ids_address, 0, width, width, begin, end, target, output)
-
-        for_bands(rasterizer, camera.height, shade_band)
+    def shade_band(ids: NDArray[np.int32], begin: int, end: int) -> None:
+        ids_address = address_of(ids[begin:], np.int32)
+        shade_rows(mode, job_address, ids_address, 0, width, width, begin, end, target, output)
         _ = keep  # the addresses in the job are valid as long as this function is
 
-    return shade
+    return lambda ids: for_bands(rasterizer, camera.height, partial(shade_band, ids))
 
 
 def _solid_pixels(
