@@ -116,8 +116,8 @@ def page_types() -> str:
     writer.merged("ControlDefinition", structs, id="number", value="ControlValue")
     for struct in (*messages.MESSAGES, *messages.RECORDED, *messages.RESPONSES, *messages.REPORTS):
         writer.text(inspect.type_info(struct))
-    message = " | ".join(each.__name__ for each in messages.MESSAGES)
-    return "\n\n".join([HEAD.rstrip(), *writer.declarations.values(), f"export type Message = {message};\n"])
+    message = "".join(f"\n  | {each.__name__}" for each in messages.MESSAGES)
+    return "\n\n".join([HEAD.rstrip(), *writer.declarations.values(), f"export type Message ={message};\n"])
 
 
 if __name__ == "__main__":

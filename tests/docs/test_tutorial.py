@@ -39,7 +39,7 @@ def commands_of(block: Block, folder: Path, addresses: dict[str, str]) -> list[s
     return [
         example(line)
         if line.startswith("python examples/")
-        else placed(line, addresses).replace("curl ", "curl --fail --silent --show-error ", 1)
+        else placed(line, addresses)
         if line.startswith("curl ")
         else placed(line, addresses).replace("scenegate ", scenegate, 1)
         for line in commands(block)

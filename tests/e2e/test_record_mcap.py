@@ -100,7 +100,7 @@ def test_what_cannot_be_recorded(tmp_path: Path, gateway: str) -> None:
         (("--gateway", "http://127.0.0.1:1"), "http://127.0.0.1:1 gives no scene: "),
         (("--channels", "A"), "--channels needs an LCM log: OUT.lcmlog"),
         (("--tls",), f"{gateway}: --tls, --ca and --certificate need an address with https://"),
-        (("--no-scene", "--camera", "127.0.0.1:9", "--seconds", "0.3"), "nothing was received, and no file is written"),
+        (("--no-scene", "--camera", "127.0.0.1:9", "--seconds", "0.3"), "no answer from 127.0.0.1:9"),
         (("a.lcmlog",), "one of OUT.lcmlog and --mcap OUT.mcap is needed, not both"),
     ):
         result = subprocess.run(
