@@ -95,8 +95,10 @@ class View(Watched):
         return np.asarray(Image.open(io.BytesIO(png)).convert("RGB"))
 
     def open_stereo_panel(self) -> None:
-        """Open the panels on the right, which are closed at first."""
-        self.page.get_by_role("button", name="Selection, stereo").click()
+        """Open the panels on the right, which are closed at first, but for those of a demo with a stereo camera."""
+        button = self.page.get_by_role("button", name="Selection, stereo")
+        if button.get_attribute("aria-pressed") != "true":
+            button.click()
         self.page.get_by_role("tab", name="Stereo").click()
 
     def open_display_menu(self) -> None:

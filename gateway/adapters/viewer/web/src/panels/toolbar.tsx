@@ -17,7 +17,7 @@ const FILE = "The visible scene as .glb, with this view as its camera";
 export function Toolbar({ viewer, panels }: { viewer: Viewer; panels: Panels }) {
   const { measurement, film } = viewer;
   const word = (text: string) => <span class="word">{text}</span>;
-  const panel = "Selection, stereo camera, renders, controls (S)";
+  const panel = "Panels: selection, stereo camera, renders, controls (S)";
   return (
     <header class="bar">
       <Button icon="tree" title="Scene tree (T)" pressed={panels.left.value} onClick={() => panels.toggle("left")} />
@@ -56,7 +56,7 @@ export function Toolbar({ viewer, panels }: { viewer: Viewer; panels: Panels }) 
           </>
         )}
       </div>
-      <Button icon="panel" title={panel} pressed={panels.right.value} onClick={() => panels.toggle("right")}>
+      <Button icon="panel" title={panel} aria-label={panel} pressed={panels.right.value} onClick={() => panels.toggle("right")}>
         {word("Panels")}
       </Button>
     </header>
