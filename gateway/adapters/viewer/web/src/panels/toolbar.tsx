@@ -38,7 +38,7 @@ export function Toolbar({ viewer, panels }: { viewer: Viewer; panels: Panels }) 
           {word("PNG")}
         </Button>
         {film.isPossible && (
-          <Button icon="film" title={FILM} pressed={film.isRecording.value} onClick={film.toggle}>
+          <Button icon="film" class="film" title={FILM} pressed={film.isRecording.value} onClick={film.toggle}>
             {word(film.isRecording.value ? "Stop" : "Film")}
           </Button>
         )}
