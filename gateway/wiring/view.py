@@ -1,11 +1,13 @@
 """Connects the browser view to the interfaces that it shows."""
 
+import asyncio
 from dataclasses import replace
 
 from gateway.adapters.viewer.config import ViewerConfig
 from gateway.adapters.viewer.gateway_status import gateway_status
 from gateway.adapters.viewer.hub import ViewHub
 from gateway.adapters.viewer.image_routes import image_router
+from gateway.adapters.viewer.light import encode_light
 from gateway.adapters.viewer.routes import router
 from gateway.adapters.viewer.scene_images import SceneImages
 from gateway.adapters.viewer.sensor_images import SensorImages
@@ -19,6 +21,7 @@ from gateway.wiring.style import style_of
 async def setup(context: Context, provided: Provided) -> Provided:
     """Add ``/view`` to the application."""
     config = ViewerConfig(style=replace(style_of(context.settings), look="auto", samples=0))
+    await asyncio.to_thread(encode_light, config.style.rig)  # kept for the pages: an environment map takes seconds
     stereo = provided.stereo.sensor if provided.stereo is not None else None
     hub = ViewHub(
         config,

@@ -1,4 +1,4 @@
-"""What is done once for every request, around the routes.
+"""Edge of the HTTP server: handling that every request gets once, around the routes.
 
 From the outside inwards: the id of the request, its log line and metrics; protection from pages of other sites; CORS;
 the token; the start of the gateway. Responses get the headers of all of it at once.
