@@ -6,7 +6,7 @@ group wait in a queue, which keeps only the newest of each channel.
 
 import asyncio
 from dataclasses import asdict
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 import structlog
 
@@ -30,6 +30,15 @@ MAX_LOGGED_REASONS: Final = 1000
 """Maximum number of log entries about messages. Later ones are only counted."""
 
 
+class WaitingMessage(NamedTuple):
+    """A message that waits in the queue of its group."""
+
+    message: LcmMessage
+    last_number: int
+    """``DrakeState.last_number`` when it was received, or the message that it replaced: a new simulation keeps what is
+    shown after that."""
+
+
 class DrakeViewerService:
     """Receives messages on the event loop, and shows them in the live tree."""
 
@@ -47,7 +56,7 @@ class DrakeViewerService:
         self._pool = WorkerPool(
             self._config.threads, self._config.channels, name="drakeviewer", niceness=BACKGROUND_NICENESS
         )
-        self._queues: dict[str, dict[Channel, LcmMessage]] = {}
+        self._queues: dict[str, dict[Channel, WaitingMessage]] = {}
         """Messages that wait, oldest first, by group and channel."""
         self._waiting_bytes = 0
         self._unapplied_arrivals = live.unapplied_arrivals
@@ -156,14 +165,16 @@ class DrakeViewerService:
     def _enqueue(self, channel: Channel, message: LcmMessage) -> None:
         """Add a message to the end of its group's queue. An earlier one of its channel is removed in any case."""
         queue = self._queues.setdefault(channel.group, {})
+        last_number = self.viewer.state.last_number
         earlier = queue.pop(channel, None)
         if earlier is not None:
+            last_number = earlier.last_number
             self._superseded += 1
-            self._waiting_bytes -= len(earlier.data)
+            self._waiting_bytes -= len(earlier.message.data)
         if self._waiting_bytes + len(message.data) > self._config.waiting_bytes:
             self._drop(channel, f"{self._waiting_bytes} bytes of messages are waiting")
             return
-        queue[channel] = message
+        queue[channel] = WaitingMessage(message, last_number)
         self._unapplied_arrivals.setdefault((self, channel.group), message.arrival)
         self._waiting_bytes += len(message.data)
 
@@ -173,7 +184,7 @@ class DrakeViewerService:
         try:
             while queue:
                 channel = next(iter(queue))
-                message = queue.pop(channel)
+                message, last_number = queue.pop(channel)
                 nbytes = len(message.data)
                 self._unapplied_arrivals[self, group] = message.arrival
                 self._waiting_bytes -= nbytes
@@ -181,24 +192,25 @@ class DrakeViewerService:
                     continue
                 with lcm_message_span(channel.name, nbytes):
                     if self._needs_thread(channel, message):
-                        await self._read_in_thread(channel, message)
+                        await self._read_in_thread(channel, message, last_number)
                     else:
-                        self._show(channel, message)
+                        self._show(channel, message, last_number)
         finally:
             self._queues.pop(group, None)
             self._unapplied_arrivals.pop((self, group), None)
             del self._tasks[group]
 
-    def _show(self, channel: Channel, message: LcmMessage) -> None:
+    def _show(self, channel: Channel, message: LcmMessage, last_number: int | None = None) -> None:
         try:
-            self._apply(channel, message, self.viewer.read(channel, message.data))
+            self._apply(channel, message, self.viewer.read(channel, message.data, last_number=last_number))
         except Exception as error:  # noqa: BLE001 - one message must not end the transport
             self._report_error(channel, error)
 
-    async def _read_in_thread(self, channel: Channel, message: LcmMessage) -> None:
+    async def _read_in_thread(self, channel: Channel, message: LcmMessage, last_number: int) -> None:
         files = self._local_files if message.is_local else self._files
         try:
-            self._apply(channel, message, await self._pool.run(self.viewer.read, channel, message.data, files))
+            show = await self._pool.run(self.viewer.read, channel, message.data, files, last_number)
+            self._apply(channel, message, show)
         except Exception as error:  # noqa: BLE001 - one message must not end the service
             self._report_error(channel, error)
 

@@ -135,17 +135,25 @@ class DrakeViewer:
         with self._live.edit(timestamp) as edit:
             return show(edit)
 
-    def read(self, channel: Channel, message: wire.Message, files: MeshFiles | None = None) -> ShowMessage | None:
+    def read(
+        self,
+        channel: Channel,
+        message: wire.Message,
+        files: MeshFiles | None = None,
+        last_number: int | None = None,
+    ) -> ShowMessage | None:
         """Read a message; return the function that shows it, None if it changes nothing.
 
-        ``files``: mesh files that the sender may name; None: those that all may name. Raises MessageError as
-        ``handle``.
+        ``files``: mesh files that the sender may name; None: those that all may name. ``last_number``: that of
+        ``state`` when the message was received; None: now. Raises MessageError as ``handle``.
         """
+        if last_number is None:
+            last_number = self.state.last_number
         match channel.kind:
             case Kind.LOAD:
-                return self._read_load(channel, message, files or self._files)
+                return self._read_load(channel, message, files or self._files, last_number)
             case Kind.DRAW:
-                return self._read_draw(channel.family, message)
+                return self._read_draw(channel.family, message, last_number)
             case Kind.DEFORMABLE:
                 return self._read_deformable(channel, message)
             case Kind.CONTACTS:
@@ -162,9 +170,10 @@ class DrakeViewer:
             for family, robots in tuple(self.state.robots.items())  # a worker thread may add one
         }
 
-    def _read_load(self, channel: Channel, message: wire.Message, files: MeshFiles) -> ShowMessage | None:
+    def _read_load(
+        self, channel: Channel, message: wire.Message, files: MeshFiles, last_number: int
+    ) -> ShowMessage | None:
         limits, loads, family = self._config.limits, self.state.loads, channel.family
-        last_number = self.state.last_number  # what is shown while files are read belongs to the new simulation
         data = bytes(message)
         last = loads.get(channel, LastLoad(b"", must_be_read=True))
         is_repeated = last.data == data
@@ -189,7 +198,7 @@ class DrakeViewer:
 
         return show
 
-    def _read_draw(self, family: str, message: wire.Message) -> ShowMessage:
+    def _read_draw(self, family: str, message: wire.Message, last_number: int) -> ShowMessage:
         robots = self._robots(family)
         draw = wire.decode_draw(message, self._config.limits, robots.names)
         warnings = _pose_warnings(draw)
@@ -200,7 +209,7 @@ class DrakeViewer:
             if reason_ignored:
                 return (reason_ignored,)
             if draw.seconds < robots.seconds - RESTART_SECONDS:
-                self._clear_simulation(edit, self.state.last_number)
+                self._clear_simulation(edit, last_number)
             self.state.simulation_seconds = robots.seconds = draw.seconds
             return warnings
 

@@ -224,6 +224,38 @@ async def test_channels_of_an_earlier_simulation_take_up_no_channels() -> None:
         assert set(found.service.status()["channels"]) == {LOAD}
 
 
+class BlockedFiles(MeshFiles):
+    """Files that cannot be read before ``released`` is set."""
+
+    def __init__(self) -> None:
+        super().__init__(())
+        self.reading, self.released = threading.Event(), threading.Event()
+
+    def load(
+        self, filename: str, scale: tuple[float, float, float] = (1.0, 1.0, 1.0), warnings: list[str] | None = None
+    ) -> tuple[Part, ...]:
+        self.reading.set()
+        assert self.released.wait(SECONDS)
+        return super().load(filename, scale, warnings)
+
+
+async def test_frames_received_before_a_thread_reads_the_load_message_are_kept() -> None:
+    files = BlockedFiles()
+    async with running(DrakeViewerConfig(threads=1), files) as found:
+        try:
+            found.receive(LOAD, load(link("a", 1, geometry(MESH, [1.0, 1.0, 1.0], string="slow.obj"))))
+            await until(files.reading.is_set)
+            found.receive(f"{LOAD}_PROXIMITY", ROBOT)  # waits for the one thread
+            for milliseconds in (0, 1000):
+                found.receive(f"{DRAW}_PROXIMITY", draw({(1, "a"): IDENTITY}, milliseconds))
+                found.receive("DRAKE_DRAW_FRAMES", draw({(0, "f"): IDENTITY}))
+        finally:
+            files.released.set()
+        await until(lambda: found.service.status()["loads"] == 2)
+        await until(lambda: not found.live.unapplied_arrivals)
+        assert found.live.snapshot.root.find(("drake", "frames", "default", "f")) is not None
+
+
 async def test_waiting_messages_of_new_channels_are_limited() -> None:
     async with running(DrakeViewerConfig(channels=2, offload_bytes=1)) as found:
         for number in range(4):
