@@ -235,7 +235,8 @@ def rigid_pose(X: NDArray[np.float64], name: str) -> NDArray[np.float64]:
         RequestError: The transform is singular, or too far from the origin.
     """
     *rows, last_row = X.tolist()
-    if not all(abs(row[3]) <= _MAX_COORDINATE for row in rows):
+    x, y, z = rows[0][3], rows[1][3], rows[2][3]
+    if not (abs(x) <= _MAX_COORDINATE and abs(y) <= _MAX_COORDINATE and abs(z) <= _MAX_COORDINATE):
         raise RequestError(400, f"scene: the camera node {name!r} is farther than {_MAX_COORDINATE:g} m away")
     if _is_rotation(rows) and math.isfinite(sum(last_row)):
         return X
@@ -257,13 +258,11 @@ def rigid_pose(X: NDArray[np.float64], name: str) -> NDArray[np.float64]:
 
 def _is_rotation(rows: Sequence[Sequence[float]]) -> bool:
     """Return True if the first three columns of three rows are a rotation matrix. NumPy would take twice as long."""
-    x, y, z = list(zip(*rows, strict=True))[:3]
-    deviations = (_dot(x, x) - 1.0, _dot(y, y) - 1.0, _dot(z, z) - 1.0, _dot(x, y), _dot(y, z), _dot(z, x))
-    if not all(abs(deviation) < _RIGID_TOLERANCE for deviation in deviations):  # NaN is not less either
-        return False
-    cross = x[1] * y[2] - x[2] * y[1], x[2] * y[0] - x[0] * y[2], x[0] * y[1] - x[1] * y[0]
-    return _dot(cross, z) > 0.0
-
-
-def _dot(a: Sequence[float], b: Sequence[float]) -> float:
-    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+    (a, b, c, _), (d, e, f, _), (g, h, i, _) = rows
+    deviations = (
+        *(a * a + d * d + g * g - 1.0, b * b + e * e + h * h - 1.0, c * c + f * f + i * i - 1.0),
+        *(a * b + d * e + g * h, b * c + e * f + h * i, c * a + f * d + i * g),
+    )
+    determinant = a * (e * i - f * h) - b * (d * i - f * g) + c * (d * h - e * g)
+    # The determinant is NaN if a value is; the comparison is false then.
+    return max(map(abs, deviations)) < _RIGID_TOLERANCE and determinant > 0.0

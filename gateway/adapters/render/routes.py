@@ -4,21 +4,17 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Callable, Coroutine
 from typing import Any, Final
 
 from fastapi import APIRouter, Request, Response
 from fastapi.routing import APIRoute
+from starlette.types import Receive, Scope, Send
 
 from gateway.adapters.render.config import RenderConfig
 from gateway.adapters.render.form import IMAGE_TYPES, LOOK_FIELD, LOOKS
 from gateway.adapters.render.request import MAX_FAR, MAX_FOCAL, MAX_FOV, MIN_FAR, MIN_FOV
 from gateway.adapters.render.service import RenderService
 from gateway.runtime.http.openapi import error_responses, example, file_response
-
-_NO_FRAMEWORK_LIMIT: Final = 1 << 62
-"""Overrides the limit of ``RequestBodyLimitMiddleware`` for this route: out of reach, so that the service's own 413,
-which names the setting, comes first."""
 
 _USAGE: Final = """\
 This is Drake's glTF render endpoint. Send a POST with multipart/form-data, for instance
@@ -148,11 +144,17 @@ def _focal_or_angle(axis: str) -> dict[str, Any]:
 
 
 class _RequestRoute(APIRoute):
-    """A route whose endpoint gets the request, without FastAPI's search for parameters and its checks of the result."""
+    """A route whose endpoint gets the request, without FastAPI's search for parameters and its checks of the result.
 
-    def get_route_handler(self) -> Callable[[Request], Coroutine[Any, Any, Response]]:
-        handler: Callable[[Request], Coroutine[Any, Any, Response]] = self.endpoint
-        return handler
+    FastAPI's own way from a route to its endpoint takes a tenth of the event loop's time for a request.
+    """
+
+    async def handle(self, scope: Scope, receive: Receive, send: Send) -> None:
+        if self.methods is not None and scope["method"] not in self.methods:
+            await super().handle(scope, receive, send)  # refuses it
+            return
+        response: Response = await self.endpoint(Request(scope, receive, send))
+        await response(scope, receive, send)
 
 
 def render_router(service: RenderService) -> APIRouter:
@@ -175,7 +177,6 @@ def render_router(service: RenderService) -> APIRouter:
         response_class=Response,
         responses=_RESPONSES,
         openapi_extra=_openapi_extra(service.config),
-        max_body_size=_NO_FRAMEWORK_LIMIT,
     )
     router.add_api_route(
         path,

@@ -6,7 +6,7 @@ import asyncio
 import logging
 import time
 from collections import Counter, deque
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field, replace
 from typing import Any, Final, Literal
 
@@ -63,14 +63,14 @@ class _Call:
 class _TimedResponse(Response):
     """A response that observes the stage ``send``: until the system or a buffer has taken the last byte."""
 
-    def __init__(self, observe: Callable[[str, float], None], content: bytes, **options: Any) -> None:
+    def __init__(self, observe: Callable[[Iterable[tuple[str, float]]], None], content: bytes, **options: Any) -> None:
         super().__init__(content, **options)
         self._observe = observe
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         start_time = time.perf_counter()
         await super().__call__(scope, receive, send)
-        self._observe("send", time.perf_counter() - start_time)
+        self._observe([("send", time.perf_counter() - start_time)])
 
 
 class RenderService:
@@ -234,15 +234,15 @@ class RenderService:
             render,
             (encode, encode_seconds + time.perf_counter() - image.end_time),  # with the way back to the event loop
         )
-        for name, seconds in stages:
-            self._observe(name, seconds)
+        self._observe(stages)
         timing = ", ".join([f"{name};dur={seconds * 1e3:.2f}" for name, seconds in stages])
         return _TimedResponse(self._observe, image.body, headers={"Server-Timing": timing}, media_type=image.media_type)
 
-    def _observe(self, stage: str, seconds: float) -> None:
-        """Add the duration of a stage to the metrics."""
+    def _observe(self, stages: Iterable[tuple[str, float]]) -> None:
+        """Add the durations of stages, seconds, to the metrics."""
         if self._metrics is not None:
-            self._metrics.stage(stage).observe(seconds)
+            for name, seconds in stages:
+                self._metrics.stage(name).observe(seconds)
 
     async def _error_response(
         self, call: _Call, status: int, outcome: _Outcome, sentence: str, headers: dict[str, str]

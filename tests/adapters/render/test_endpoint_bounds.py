@@ -38,12 +38,6 @@ async def test_body_limit_by_length_or_by_received_bytes(start: Start, watched: 
         assert server.service.status()["inflight_bytes"] == 0
 
 
-async def test_starlettes_body_limit_does_not_apply(start: Start, watched: WatchedRenderer) -> None:
-    async with start(watched, RenderConfig(max_body_bytes=1000)) as server:
-        server.app.max_body_size = 1000
-        assert_refused(await server.post(body(b"x" * 5000), CONTENT_TYPE), 413, "max_body_bytes")
-
-
 async def test_stalled_upload_is_408(start: Start, watched: WatchedRenderer) -> None:
     async def stalled() -> AsyncIterator[bytes]:
         yield body(SCENE)[:200]
