@@ -173,20 +173,6 @@ def _local_matrices(nodes: list[schema.GltfNode], indices: list[int], warnings: 
 
     The last row of each matrix is exactly (0, 0, 0, 1). ``indices``: those in the document, for messages.
     """
-
-    def values_of(selected: list[int], name: str, default: tuple[float, ...]) -> NDArray[np.float64]:
-        """Return a property of the nodes at the positions ``selected``, (len(selected), len(default)) float64."""
-        values: list[Any] = [getattr(nodes[i], name) for i in selected]
-        values = [default if value is None else value for value in values]
-        try:
-            result = np.array(values, np.float64)
-        except ValueError:  # lists of different lengths
-            result = np.empty(0)
-        if result.shape != (len(selected), len(default)):
-            paths = [f"nodes[{indices[i]}].{name}" for i in selected]
-            result = np.array([vector_or_default(*each, default, warnings) for each in zip(values, paths, strict=True)])
-        return result
-
     X = np.empty((len(nodes), 4, 4))
     X[:] = IDENTITY
     with_matrix = [i for i, node in enumerate(nodes) if node.matrix is not None]
@@ -196,7 +182,7 @@ def _local_matrices(nodes: list[schema.GltfNode], indices: list[int], warnings: 
         if node.matrix is None and (node.translation is not None or node.rotation is not None or node.scale is not None)
     ]
     if with_matrix:
-        column_major = values_of(with_matrix, "matrix", _DEFAULT_MATRIX)
+        column_major = _values(nodes, with_matrix, "matrix", _DEFAULT_MATRIX, indices, warnings)
         matrices = column_major.reshape(-1, 4, 4).transpose(0, 2, 1)
         affine = (np.abs(matrices[:, 3] - IDENTITY[3]) <= _AFFINE_TOLERANCE).all(axis=1)
         for i in np.flatnonzero(~affine):
@@ -204,15 +190,36 @@ def _local_matrices(nodes: list[schema.GltfNode], indices: list[int], warnings: 
             warnings.append(f"{name}: not affine, its last row {matrices[i, 3].tolist()} is ignored")
         X[with_matrix, :3] = matrices[:, :3]
     if with_trs:
-        translations = values_of(with_trs, "translation", _DEFAULT_TRANSLATION)
-        rotations = values_of(with_trs, "rotation", _DEFAULT_ROTATION)
+        translations = _values(nodes, with_trs, "translation", _DEFAULT_TRANSLATION, indices, warnings)
+        rotations = _values(nodes, with_trs, "rotation", _DEFAULT_ROTATION, indices, warnings)
         zeros = [indices[with_trs[i]] for i in np.flatnonzero(~rotations.any(axis=1))]
         warnings += [f"nodes[{index}].rotation: it has no length; the node is not rotated" for index in zeros]
-        scales = values_of(with_trs, "scale", _DEFAULT_SCALE)
+        scales = _values(nodes, with_trs, "scale", _DEFAULT_SCALE, indices, warnings)
         poses = from_poses(np.concatenate((translations, rotations[:, (3, 0, 1, 2)]), axis=1))
         poses[:, :3, :3] *= scales[:, None, :]
         X[with_trs] = poses
     return X
+
+
+def _values(
+    nodes: list[schema.GltfNode],
+    selected: list[int],
+    name: str,
+    default: tuple[float, ...],
+    indices: list[int],
+    warnings: list[str],
+) -> NDArray[np.float64]:
+    """Return a property of the nodes at the positions ``selected``, (len(selected), len(default)) float64."""
+    values: list[Any] = [getattr(nodes[i], name) for i in selected]
+    values = [default if value is None else value for value in values]
+    try:
+        result = np.array(values, np.float64)
+    except ValueError:  # lists of different lengths
+        result = np.empty(0)
+    if result.shape != (len(selected), len(default)):
+        paths = [f"nodes[{indices[i]}].{name}" for i in selected]
+        result = np.array([vector_or_default(*each, default, warnings) for each in zip(values, paths, strict=True)])
+    return result
 
 
 def _world_matrices(
