@@ -61,16 +61,16 @@ class _Call:
 
 
 class _TimedResponse(Response):
-    """A response that observes the stage ``send``: until the system or a buffer has taken the last byte."""
+    """A response that reports its time to send, seconds: until the system or a buffer has taken the last byte."""
 
-    def __init__(self, observe: Callable[[Iterable[tuple[str, float]]], None], content: bytes, **options: Any) -> None:
+    def __init__(self, on_sent: Callable[[float], None], content: bytes, **options: Any) -> None:
         super().__init__(content, **options)
-        self._observe = observe
+        self._on_sent = on_sent
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         start_time = time.perf_counter()
         await super().__call__(scope, receive, send)
-        self._observe([("send", time.perf_counter() - start_time)])
+        self._on_sent(time.perf_counter() - start_time)
 
 
 class RenderService:
@@ -215,15 +215,6 @@ class RenderService:
         self._last_warnings = warnings = (*request.warnings, *image.warnings)
         for warning in warnings:
             _log.warning("render request has a problem", warning=warning)
-        if logging.getLogger("gateway.render").isEnabledFor(logging.DEBUG):
-            _log.debug(
-                "rendered",
-                image_type=request.image_type,
-                size=f"{request.width}x{request.height}",
-                elements=image.element_count,
-                generator=image.generator,
-                **{f"{name}_ms": round(seconds * 1e3, 2) for name, seconds in image.stage_seconds},
-            )
         self._finish(call, 200, "ok", image=image, warnings=warnings)
         queue, parse, render, (encode, encode_seconds) = image.stage_seconds
         stages = (
@@ -234,15 +225,27 @@ class RenderService:
             render,
             (encode, encode_seconds + time.perf_counter() - image.end_time),  # with the way back to the event loop
         )
-        self._observe(stages)
         timing = ", ".join([f"{name};dur={seconds * 1e3:.2f}" for name, seconds in stages])
-        return _TimedResponse(self._observe, image.body, headers={"Server-Timing": timing}, media_type=image.media_type)
 
-    def _observe(self, stages: Iterable[tuple[str, float]]) -> None:
-        """Add the durations of stages, seconds, to the metrics."""
+        def on_sent(seconds: float) -> None:
+            self._record_stages(request, image, (*stages, ("send", seconds)))
+
+        return _TimedResponse(on_sent, image.body, headers={"Server-Timing": timing}, media_type=image.media_type)
+
+    def _record_stages(self, request: RenderRequest, image: EncodedImage, stages: Iterable[tuple[str, float]]) -> None:
+        """Add the durations of stages, seconds, to the metrics and, at debug level, to the log."""
         if self._metrics is not None:
             for name, seconds in stages:
                 self._metrics.stage(name).observe(seconds)
+        if logging.getLogger("gateway.render").isEnabledFor(logging.DEBUG):
+            _log.debug(
+                "rendered",
+                image_type=request.image_type,
+                size=f"{request.width}x{request.height}",
+                elements=image.element_count,
+                generator=image.generator,
+                **{f"{name}_ms": round(seconds * 1e3, 2) for name, seconds in stages},
+            )
 
     async def _error_response(
         self, call: _Call, status: int, outcome: _Outcome, sentence: str, headers: dict[str, str]

@@ -55,6 +55,18 @@ async def test_three_image_types(start: Start, watched: WatchedRenderer) -> None
     assert server.service.status()["scene_cache"] == {"hits": 2, "misses": 1}
 
 
+async def test_the_log_has_all_stages_and_that_of_sending(
+    start: Start, watched: WatchedRenderer, caplog: pytest.LogCaptureFixture
+) -> None:
+    caplog.set_level(logging.DEBUG, "gateway.render")
+    with capture_logs() as logs:
+        async with start(watched) as server:
+            assert (await server.post(body(SCENE), CONTENT_TYPE)).status_code == 200
+    (entry,) = [each for each in logs if each["event"] == "rendered"]
+    stages = [name for name in entry if name.endswith("_ms")]
+    assert stages == ["receive_ms", "form_ms", "queue_ms", "parse_ms", "render_ms", "encode_ms", "send_ms"]
+
+
 async def test_the_camera_is_the_forms_and_the_nodes(start: Start, watched: WatchedRenderer) -> None:
     async with start(watched) as server:
         assert (await server.post(body(SCENE), CONTENT_TYPE)).status_code == 200
