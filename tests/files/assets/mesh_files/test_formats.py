@@ -1,6 +1,7 @@
 """Shapes, materials, textures, units and axes of all formats."""
 
 import io
+import json
 from pathlib import Path
 from typing import Any
 
@@ -166,6 +167,18 @@ def test_gltf_is_y_up_unless_drake_merged_it(root: Path, files: MeshFiles, gener
     write(root / "t.gltf", gltf(generator))
     write(root / "data.bin", np.array([(0, 0, 0), (1, 0, 0), (0, 2, 0)], np.float32).tobytes())
     np.testing.assert_allclose(bounds(files.load("t.gltf")), expected, atol=1e-6)
+
+
+def test_lights_of_a_mesh_are_left_out_with_a_warning(root: Path, files: MeshFiles) -> None:
+    document = json.loads(gltf("made by hand"))
+    document["extensions"] = {"KHR_lights_punctual": {"lights": [{"type": "point"}]}}
+    document["nodes"][0]["extensions"] = {"KHR_lights_punctual": {"light": 0}}
+    write(root / "lamp.gltf", json.dumps(document))
+    write(root / "data.bin", np.eye(3, dtype=np.float32).tobytes())
+    warnings: list[str] = []
+    assert len(files.load("lamp.gltf", warnings=warnings)) == 1
+    (warning,) = warnings
+    assert "KHR_lights_punctual" in warning
 
 
 def test_scale_is_applied_along_the_files_axes(root: Path, files: MeshFiles) -> None:
