@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 from structlog.testing import capture_logs
 
-from gateway.adapters.drakeviewer.channels import PREFIXES, Channel
+from gateway.adapters.drakeviewer.channels import PREFIXES
 from gateway.adapters.drakeviewer.config import DrakeViewerConfig
 from gateway.adapters.drakeviewer.service import DrakeViewerService
 from gateway.adapters.treeviewer.config import TreeViewerConfig
@@ -113,9 +113,9 @@ async def test_big_messages_are_read_in_a_thread(monkeypatch: pytest.MonkeyPatch
         threads = []
         read = found.service.viewer.read
 
-        def watched(channel: Channel, message: Any, files: MeshFiles) -> Any:
+        def watched(*arguments: Any) -> Any:
             threads.append(threading.current_thread().name)
-            return read(channel, message, files)
+            return read(*arguments)
 
         monkeypatch.setattr(found.service.viewer, "read", watched)
         found.receive(LOAD, ROBOT)
@@ -351,7 +351,7 @@ async def test_programs_on_this_machine_name_files_in_all_folders(tmp_path: Path
 async def test_ends_while_a_file_is_read(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     entered, leave = threading.Event(), threading.Event()
 
-    def read(channel: str, message: Any, files: MeshFiles) -> None:
+    def read(*_: object) -> None:
         entered.set()
         leave.wait(SECONDS)
 
