@@ -18,6 +18,7 @@ from gateway.adapters.stereo.imaging.scene_view import OtherProjector, Projector
 from gateway.adapters.stereo.routes.camera_routes import camera_router
 from gateway.adapters.stereo.routes.fault_routes import fault_router
 from gateway.adapters.stereo.routes.node_routes import node_router
+from gateway.adapters.stereo.routes.pose_routes import pose_router
 from gateway.adapters.stereo.routes.system_routes import system_router
 from gateway.adapters.stereo.routes.truth_routes import truth_router
 from gateway.adapters.stereo.service import StereoService
@@ -30,7 +31,14 @@ from gateway.runtime.settings import Settings
 from gateway.runtime.state.parameter_store import ParameterStore
 from gateway.scene.draw.bounds import MIN_SUSPECT, loose_bounds, scale_hint
 from gateway.scene.draw.flatten import Flattener, flatten
-from gateway.scene.draw.mount import Mount, MountedCamera, parse_mount_path, parse_mount_pose, parse_mounted_camera
+from gateway.scene.draw.mount import (
+    Mount,
+    MountedCamera,
+    mount_pose_text,
+    parse_mount_path,
+    parse_mount_pose,
+    parse_mounted_camera,
+)
 from gateway.scene.tree.labels import LabelTable
 from gateway.scene.tree.live import LiveTree, Snapshot
 from gateway.scene.tree.timeline import state_at
@@ -56,13 +64,13 @@ async def setup(context: Context, provided: Provided) -> Provided:
     configs, mounts = await asyncio.to_thread(_cameras, settings)
     scene, lights = await _scene(context)
     projectors: dict[SceneView, ProjectorSource] = {}
-    cameras = [
+    started = [
         _start_camera(
             context, number, replace(config, tokens=context.security.grpc, lights=lights), mount, scene, projectors
         )
         for number, (config, mount) in enumerate(zip(configs, mounts, strict=True))
     ]
-    services = [camera.service for camera in cameras]
+    services = [camera.service for camera, _ in started]
     if not settings.stereo_noise and any(config.depth_mode == "matched" for config in configs):
         warning = "images have no noise, but depth is matched; exact depth is --depth-mode ground_truth"
         context.registry.warn("stereo", "--no-stereo-noise", warning)
@@ -79,10 +87,11 @@ async def setup(context: Context, provided: Provided) -> Provided:
     for app in apps:
         app.include_router(system_router(*services))
         app.include_router(node_router(*services))
+    context.app.include_router(pose_router({camera.service.config.name: view for camera, view in started}))
     context.app.include_router(camera_router(*services))
     context.app.include_router(truth_router(*services))
     context.app.include_router(fault_router(*services))
-    return replace(provided, stereo=cameras[0])
+    return replace(provided, stereo=started[0][0])
 
 
 def _cameras(settings: Settings) -> tuple[list[StereoConfig], list[Mount]]:
@@ -107,7 +116,7 @@ def _start_camera(
     mount: Mount,
     scene: LiveTree | None,
     projectors: dict[SceneView, ProjectorSource],
-) -> ProvidedCamera:
+) -> tuple[ProvidedCamera, SceneView]:
     """Start the camera of pipeline ``number``. ``scene``: the one that all cameras see; None: the live tree.
 
     ``projectors``: those that all cameras see; this camera's is added.
@@ -148,8 +157,8 @@ def _start_camera(
         service.wait_until_stored = context.state.wait_until_stored
     name = f"stereo {number}" if number else "stereo"
     context.run_service(name, service, figures=lambda: _figures(service, view))
-    sensor = StereoSensor(service, view, live=live, moves=mount.path is not None)
-    return ProvidedCamera(service, sensor, lambda snapshot: view.camera(config, snapshot) if live else None)
+    sensor = StereoSensor(service, view, live=live)
+    return ProvidedCamera(service, sensor, lambda snapshot: view.camera(config, snapshot) if live else None), view
 
 
 def _figures(service: StereoService, view: SceneView) -> dict[str, Any]:
@@ -214,12 +223,11 @@ def config_of(settings: Settings, number: int = 0, camera: MountedCamera | None 
 class StereoSensor:
     """Images of a stereo camera for the browser view, with the parameters of the image stream."""
 
-    def __init__(self, service: StereoService, view: SceneView, *, live: bool, moves: bool = False) -> None:
-        """``live``: the camera sees the live tree. ``moves``: it follows a node."""
+    def __init__(self, service: StereoService, view: SceneView, *, live: bool) -> None:
+        """``live``: the camera sees the live tree."""
         self._service = service
         self._view = view
         self._live = live
-        self.moves = moves and live
 
     def rig(self, snapshot: Snapshot) -> StereoRig | None:
         """Return pose and intrinsics in a snapshot of the live tree; None if the camera sees another scene."""
@@ -243,7 +251,8 @@ class StereoSensor:
         exposure = f"{metered.exposure.time * 1e3:.3g} ms, {metered.exposure.gain:.3g} dB"
         captions: dict[ImageName, str] = {"left": exposure, "right": exposure}
         captions.update(await service.workers.run(self._depth_captions, images, frame.record.settings))
-        return StereoImages(left.image, right.image, images.disparity, images.confidence, captions)
+        pose = mount_pose_text(frame.record.camera_capture.X_world_left)
+        return StereoImages(left.image, right.image, images.disparity, images.confidence, captions, pose)
 
     def _depth_captions(self, images: DepthImages, settings: StreamSettings) -> dict[ImageName, str]:
         """Return the range of depths, metres, and the percentage of valid pixels, as texts."""

@@ -11,7 +11,7 @@ from typing import Any
 
 import msgspec
 
-from gateway.adapters.viewer.browser import Browser
+from gateway.adapters.viewer.browser import Browser, BrowserState
 from gateway.adapters.viewer.config import ViewerConfig
 from gateway.adapters.viewer.control_frames import ControlFrames
 from gateway.adapters.viewer.encoder import Encoder, encode_page, encode_stereo_rig
@@ -110,13 +110,12 @@ class ViewHub:
                 browser.close()
 
     def _advance(self) -> None:
-        """Pass the tree's newest snapshot to the encoder, and the pose of a moving stereo camera to the pages."""
+        """Pass the tree's newest snapshot to the encoder, and the stereo camera's pose in it to the pages."""
         self._encoder.advance(self._tree.snapshot)
-        if self._stereo is not None and self._stereo.moves:
-            frame = self._rig_frame(self._encoder.current)
-            for browser in self._browsers:
-                if browser.follows_live:
-                    browser.send_rig(frame)
+        frame = self._rig_frame(self._encoder.current)
+        for browser in self._browsers:
+            if browser.follows_live:
+                browser.send_rig(frame)
 
     def _rig_frame(self, snapshot: Snapshot) -> bytes:
         return encode_stereo_rig(self._stereo.rig(snapshot) if self._stereo is not None else None)
@@ -154,6 +153,8 @@ class ViewHub:
         frame = self._status_frame()
         self._send_page_settings()  # subscriptions to clicks end without notice
         for browser in self._browsers:
+            if browser.state is not BrowserState.RELEASED:  # the stereo camera may have been placed elsewhere
+                browser.send_rig(self._rig_frame(browser.target))
             browser.remove_meshes(removed_meshes)
             browser.send_latest("status", frame)
             browser.drop_snapshot_if_sent_before(now - self.config.ack_timeout_seconds)

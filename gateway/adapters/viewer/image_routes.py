@@ -161,7 +161,9 @@ def _add_sensor_routes(router: APIRouter, sensor: SensorImages | None) -> None:
         if sensor is None:
             return Response(status_code=204)  # not 404, which browsers would log as an error
         capture = await while_connected(request, sensor.fresh_capture())
-        return _uncached_json(StereoCapture(number=capture.number, captions=dict(capture.images.captions)))
+        return _uncached_json(
+            StereoCapture(number=capture.number, captions=dict(capture.images.captions), pose=capture.images.pose)
+        )
 
     @router.get(
         "/view/sensor/{name}.jpg",

@@ -340,6 +340,8 @@ class StereoCapture(Fields):
     """Number of the capture since start, from 1."""
     captions: dict[ImageName, str]
     """Short texts by the names of the images."""
+    pose: str = ""
+    """Where the left image was taken, as text for ``--stereo-pose``."""
 
 
 class Click(Struct):

@@ -46,16 +46,18 @@ class StereoImages:
     """(h, w), in 1/255. 0 is invalid."""
     captions: Mapping[ImageName, str] = field(default_factory=dict)
     """Short texts that the page shows below the images."""
+    pose: str = ""
+    """Where the left image was taken, as text for ``--stereo-pose``."""
 
 
 class StereoSource(Protocol):
     """The stereo camera, as the browser view uses it."""
 
-    moves: bool
-    """True if ``rig`` depends on the snapshot: it is then called for every update, so it must be fast."""
-
     def rig(self, snapshot: Snapshot) -> StereoRig | None:
-        """Return the pose and intrinsics in a snapshot of the live scene, or None if the camera shows another scene."""
+        """Return the pose and intrinsics in a snapshot of the live scene, or None if the camera shows another scene.
+
+        Called for every update, so it must be fast.
+        """
 
     async def capture(self) -> StereoImages:
         """Render and return a set of images."""

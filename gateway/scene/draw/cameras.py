@@ -45,10 +45,10 @@ _XMAG: Final = r"(0?\.0{0,2}[1-9][0-9]{0,6}|[1-9][0-9]{0,8}(\.[0-9]{0,9})?)"
 _PATH: Final = rf"\[({_NAME}(, ?{_NAME})*)?\]"
 PATHS_PATTERN: Final = rf"^\[({_PATH}(, ?{_PATH})*)?\]$"
 """Pattern of a JSON list of paths."""
-CAMERA_PATTERN: Final = (
-    rf"^(stereo|fit|path:{_PATH}|eye={_VECTOR};target={_VECTOR}(;up={_VECTOR})?"
-    rf"(;fovy={_FOVY}|;xmag={_XMAG})?)$"
-)
+_LOOK_AT: Final = rf"eye={_VECTOR};target={_VECTOR}(;up={_VECTOR})?"
+LOOK_AT_PATTERN: Final = f"^{_LOOK_AT}$"
+"""Pattern of a pose in words."""
+CAMERA_PATTERN: Final = rf"^(stereo|fit|path:{_PATH}|{_LOOK_AT}(;fovy={_FOVY}|;xmag={_XMAG})?)$"
 """Regular expression of the grammar, for API descriptions.
 
 It does not say all: ``parse_camera`` also accepts spaces and another order of ``eye``, ``target``, ``up``, ``fovy`` and

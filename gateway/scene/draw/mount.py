@@ -30,6 +30,21 @@ def parse_mount_pose(text: str) -> NDArray[np.float64]:
     return from_pose(numbers[:3], numbers[3:])
 
 
+def mount_pose_text(X_world_camera: NDArray[np.float64]) -> str:
+    """Return the pose of an optical frame, (4, 4), as ``eye=x,y,z;target=x,y,z;up=x,y,z``, rounded to micrometres.
+
+    The target is 1 m in front of the eye.
+    """
+    _, down, forward, eye = X_world_camera[:3].T
+    vectors = {"eye": eye, "target": eye + forward, "up": -down}
+    return ";".join(f"{name}={','.join(map(_plain, vector))}" for name, vector in vectors.items())
+
+
+def _plain(number: float) -> str:
+    """Return a number with at most six decimals and without an exponent."""
+    return f"{round(number, 6) + 0.0:.6f}".rstrip("0").rstrip(".")
+
+
 def parse_mount_path(text: str) -> Path:
     """Parse a path of the tree from JSON such as ``["robot", "head"]``. Raises CameraError for another text."""
     camera = parse_camera(f"path:{text}")

@@ -555,6 +555,37 @@ def test_controls_set_the_device_parameters(view: tuple[View, Publisher], gatewa
         assert http.put(path, json={"value": before["value"]}).status_code == 200
 
 
+def test_the_stereo_camera_is_placed_at_the_view(
+    view: tuple[View, Publisher], gateway: tuple[GatewayProcess, str]
+) -> None:
+    shown, publisher = view
+    publisher.box(["seen"], RED)
+    shown.look_at("seen")
+    shown.open_stereo_panel()
+    page = shown.page
+    page.context.grant_permissions(["clipboard-read", "clipboard-write"])
+    shown.until(lambda: page.evaluate("scenegate.frustum.hasPose"), "the stereo camera")
+    place = "([eye, target]) => scenegate.rig.place({ eye, target, up: [0, 0, 1] })"
+    forward = "scenegate.frustum.object.matrix.elements.slice(8, 11)"
+    where = "scenegate.frustum.object.matrix.elements.slice(12, 15)"
+    with clients.Client(base_url=gateway[1]) as http:
+        before = http.get("/cameras/0/pose").json()["pose"]
+        for eye, by_key in (([3.0, 0.0, 1.0], True), ([0.0, -4.0, 0.0], False)):
+            page.evaluate(place, [eye, [0.0, 0.0, eye[2]]])
+            if by_key:
+                page.keyboard.press("v")
+            else:
+                page.get_by_role("button", name="Place at this view").click()
+            shown.until(lambda: np.allclose(page.evaluate(where), eye), "the frustum at the view")  # noqa: B023
+            np.testing.assert_allclose(page.evaluate(forward), [-eye[0] / 3, -eye[1] / 4, 0], atol=1e-6)
+        text = "eye=0,-4,0;target=0,-3,0;up=0,0,1"
+        assert http.get("/cameras/stereo/pose").json() == {"pose": text}
+        shown.until(lambda: text in page.locator(".stereo-pose code").inner_text(), "the images from there")
+        page.get_by_role("button", name="Copy").click()
+        shown.until(lambda: page.evaluate("navigator.clipboard.readText()") == f"--stereo-pose '{text}'", "the copy")
+        assert http.put("/cameras/0/pose", params={"pose": before}).status_code == 200
+
+
 def test_render_requests_are_listed(view: tuple[View, Publisher], gateway: tuple[GatewayProcess, str]) -> None:
     shown, _ = view
     shown.open_stereo_panel()

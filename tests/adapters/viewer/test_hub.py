@@ -70,8 +70,6 @@ class Client:
 class StereoOnBox:
     """A stereo camera at the pose of the node ``box``."""
 
-    moves = True
-
     def rig(self, snapshot: Snapshot) -> StereoRig | None:
         box = snapshot.root.find(("box",))
         assert box is not None

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import json
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
@@ -67,6 +68,8 @@ class SceneState:
     """Time of the last change, nanoseconds since the epoch."""
     projectors: tuple[OtherProjector, ...] = ()
     """Projectors of other cameras."""
+    mount: Mount | None = None
+    """Place of the camera; another object after it was placed elsewhere."""
 
 
 SceneSource = Callable[[int | None], SceneState]
@@ -168,8 +171,20 @@ class SceneView:
         # The images of a camera have the light of its own projector without these.
         others = tuple([projector_in(snapshot) for view, projector_in in self._projectors.items() if view is not self])
         return SceneState(
-            state_time, scene, self.pose_in(snapshot), snapshot.revision, changed=snapshot.timestamp, projectors=others
+            state_time,
+            scene,
+            self.pose_in(snapshot),
+            snapshot.revision,
+            changed=snapshot.timestamp,
+            projectors=others,
+            mount=self._mount,
         )
+
+    def place(self, X_world_left: NDArray[np.float64]) -> None:
+        """Move the camera to a pose, (4, 4) float64. Raises CameraError if it follows a node."""
+        if self._mount.path is not None:
+            raise CameraError(f"the camera follows the node {json.dumps(self._mount.path)}, which a program moves")
+        self._mount, self._last_pose = Mount(X_world_left), X_world_left
 
     def pose_in(self, snapshot: Snapshot) -> NDArray[np.float64]:
         """Return X_world_left, (4, 4) float64, in a snapshot."""
@@ -270,10 +285,10 @@ def state_before(now: SceneState, last: SceneState | None, scene: Callable[[int]
 
     Args:
         now: state at the timestamp of a frame.
-        last: state of the last frame, used if it is recent.
+        last: state of the last frame, used if it is recent and the camera was not placed elsewhere since.
         scene: returns the state at a time, nanoseconds since the epoch.
     """
-    if last is None or not 0 < now.timestamp - last.timestamp < 2 * VELOCITY_TIME:
+    if last is None or last.mount is not now.mount or not 0 < now.timestamp - last.timestamp < 2 * VELOCITY_TIME:
         last = scene(now.timestamp - VELOCITY_TIME)
     # After a rest, the motion began at the earlier state, and not at the change before the rest.
     was_at_rest = last.timestamp - last.changed >= SLOWEST_MOTION

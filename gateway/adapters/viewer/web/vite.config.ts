@@ -18,6 +18,7 @@ export default defineConfig({
       "/view/image": "http://127.0.0.1:8000",
       "/api": "http://127.0.0.1:8000",
       "/scene": "http://127.0.0.1:8000",
+      "/cameras": "http://127.0.0.1:8000",
       "/stereo": "http://127.0.0.1:8000",
     },
   },

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 
 from gateway.adapters.stereo.device.camera_config import StereoConfig
-from gateway.adapters.stereo.imaging.scene_view import SceneView
+from gateway.adapters.stereo.imaging.scene_view import SceneView, state_before
+from gateway.scene.draw.cameras import CameraError
 from gateway.scene.draw.flatten import Flattener
 from gateway.scene.draw.mount import Mount
 from gateway.scene.tree import transforms as tf
@@ -112,3 +114,23 @@ def test_the_left_camera_has_the_models_intrinsics() -> None:
     assert (camera.fx, camera.fy, camera.cx, camera.cy) == (k.focal_length, k.focal_length, k.cx, k.cy)
     assert (camera.near, camera.far) == (0.5, 20.0)
     np.testing.assert_array_equal(camera.X_world_camera, tf.translation(9, 9, 9))
+
+
+def test_a_camera_that_is_placed_elsewhere_was_not_moving() -> None:
+    times = iter((0, 100_000_000))
+    tree = LiveTree(lambda: next(times))
+    tree.keep_recent("camera", active=True)
+    view = SceneView(tree, Flattener(LabelTable()), Mount(tf.translation(1, 0, 0)))
+    last = view.state(40_000_000)
+    view.place(tf.translation(2, 0, 0))
+    now = view.state(80_000_000)
+    assert now.X_world_left[:3, 3].tolist() == [2, 0, 0]
+    earlier = state_before(now, last, view.state)
+    assert earlier.X_world_left[:3, 3].tolist() == [2, 0, 0]
+
+
+def test_a_camera_on_a_node_cannot_be_placed() -> None:
+    view = view_of(LiveTree())
+    with pytest.raises(CameraError, match="head"):
+        view.place(tf.translation(1, 0, 0))
+    assert view.state().X_world_left[:3, 3].tolist() == [9, 9, 9]

@@ -1,7 +1,7 @@
 // The page: toolbar, tree, view, panels, status bar. On small screens tree and panels are drawers over the view.
 
 import { type Signal, useSignal } from "@preact/signals";
-import { downloadProblem } from "./files";
+import { refusal } from "./files";
 import { keep, kept } from "./options";
 import { DetailsPanel } from "./panels/detailspanel";
 import { EmptyState } from "./panels/emptystate";
@@ -80,7 +80,7 @@ export function App({ viewer, panels, programControls }: AppProps) {
   };
   const { notice, graphicsNotice } = session;
   const isConnected = session.connection.value.state === "open";
-  const hint = notice.value.text || downloadProblem.value || graphicsNotice.value;
+  const hint = notice.value.text || refusal.value || graphicsNotice.value;
   const id = (name: Tab) => `page-${name.toLowerCase()}`;
   return (
     <>

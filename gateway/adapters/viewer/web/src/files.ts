@@ -2,9 +2,9 @@
 
 import { signal } from "@preact/signals";
 
-/** Sentence about a download that failed, for some seconds. */
-export const downloadProblem = signal("");
-const PROBLEM_MS = 15_000;
+/** Sentence about what the gateway has refused, for some seconds. */
+export const refusal = signal("");
+const REFUSAL_MS = 15_000;
 
 function saveAs(href: string, fileName: string): void {
   Object.assign(document.createElement("a"), { href, download: fileName }).click();
@@ -16,13 +16,23 @@ export function saveBlob(blob: Blob, fileName: string): void {
   setTimeout(() => URL.revokeObjectURL(url), 10_000);
 }
 
-/** Download a file of the gateway. If that fails, its sentence is in `downloadProblem`. */
+/** Download a file of the gateway. If that fails, its sentence is in `refusal`. */
 export async function download(url: string, fileName: string): Promise<void> {
   if (/^(data|blob):/.test(url)) return saveAs(url, fileName);
   const response = await fetch(url).catch(() => null);
   if (response?.ok) return saveBlob(await response.blob(), fileName);
+  await refuse(fileName, response);
+}
+
+/** Say why something has failed: in the response's sentence; null: there was none. */
+export async function refuse(what: string, response: Response | null): Promise<void> {
   const text = (await response?.text().catch(() => "")) ?? "";
-  const sentence = text.startsWith("{") ? JSON.parse(text).detail : text;
-  downloadProblem.value = `${fileName}: ${response ? sentence || response.statusText : "the gateway does not respond"}`;
-  setTimeout(() => (downloadProblem.value = ""), PROBLEM_MS);
+  const { detail, message } = text.startsWith("{") ? JSON.parse(text) : { detail: text };
+  say(`${what}: ${response ? detail || message || response.statusText : "the gateway does not respond"}`);
+}
+
+/** Show a sentence for some seconds. */
+export function say(sentence: string): void {
+  refusal.value = sentence;
+  setTimeout(() => (refusal.value = ""), REFUSAL_MS);
 }

@@ -63,7 +63,10 @@ export class Viewer {
     stage.world.add(this.frustum.object, this.measurement.object);
     stage.addEventListener("moved", writeAddress);
     stage.addEventListener("originMoved", () => this.originMoved());
-    stage.addEventListener("draw", () => this.topView.draw(stage));
+    stage.addEventListener("draw", () => {
+      this.frustum.seenFrom(rig.camera.position.clone().add(rig.origin));
+      this.topView.draw(stage);
+    });
     stage.addEventListener("drawn", () => this.drawn());
     onTap(canvas, (x, y, button) => this.tap(x, y, button));
     this.followOptions();

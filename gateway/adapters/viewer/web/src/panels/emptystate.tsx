@@ -2,7 +2,7 @@
 
 import { useSignal } from "@preact/signals";
 import { useEffect, useRef } from "preact/hooks";
-import { Button, TabList } from "../widgets/controls";
+import { CopyButton, TabList } from "../widgets/controls";
 
 const CODE_ID = "empty-state-code";
 
@@ -33,36 +33,19 @@ async function findHub(): Promise<string | null> {
 export function EmptyState() {
   const title = useSignal<Title>("Python");
   const hub = useSignal("tcpq://127.0.0.1:7700");
-  const copied = useSignal("Copy");
   const code = useRef<HTMLElement>(null);
   useEffect(() => void findHub().then((url) => (hub.value = url ?? hub.value)), []);
   const text = EXAMPLES[title.value](hub.value);
-  // Browsers allow it over HTTPS and on localhost.
-  const copy = async () => {
-    try {
-      await navigator.clipboard.writeText(text);
-      copied.value = "Copied";
-    } catch {
-      getSelection()?.selectAllChildren(code.current as Node);
-      copied.value = "Selected: press Ctrl+C";
-    }
-  };
-  const select = (name: Title) => {
-    title.value = name;
-    copied.value = "Copy";
-  };
   return (
     <section class="empty-state" aria-label="The scene is empty">
       <h2>The scene is empty</h2>
       <p>Publish something, and it appears here:</p>
-      <TabList names={Object.keys(EXAMPLES) as Title[]} current={title.value} controls={() => CODE_ID} onSelect={select} />
+      <TabList names={Object.keys(EXAMPLES) as Title[]} current={title.value} controls={() => CODE_ID} onSelect={(name) => (title.value = name)} />
       <div class="code" role="tabpanel" id={CODE_ID} aria-label="Code">
         <pre tabIndex={0}>
           <code ref={code}>{text}</code>
         </pre>
-        <Button icon="copy" class="plain" title="Copy the code" onClick={copy}>
-          {copied}
-        </Button>
+        <CopyButton title="Copy the code" text={text} shown={code} />
       </div>
       <p class="quiet">
         Or start the gateway with <code>--demo</code> for a moving scene.

@@ -3,6 +3,7 @@
 import { useSignal } from "@preact/signals";
 import { useEffect, useRef } from "preact/hooks";
 import type { StereoCapture } from "../protocol";
+import { StereoPose } from "../tools/stereopose";
 import type { Viewer } from "../viewer";
 import type { Panels } from "./panels";
 import { Parameters } from "./parameters";
@@ -69,6 +70,7 @@ export function SensorsPanel({ viewer, panels }: { viewer: Viewer; panels: Panel
               </figure>
             ))}
           </div>
+          <StereoPose source={viewer} pose={state.value.pose ?? ""} />
           {active && <Parameters key={connection.state} size={viewer.frustum.imageSize} />}
         </>
       )}

@@ -3,6 +3,7 @@
 import { useRef } from "preact/hooks";
 import { options, type SwitchName } from "../options";
 import { snapshot } from "../tools/downloads";
+import { placeStereo } from "../tools/stereopose";
 import type { Viewer } from "../viewer";
 import type { Panels } from "./panels";
 
@@ -50,6 +51,7 @@ function shortcuts(viewer: Viewer, panels: Panels): Shortcut[] {
     { keys: ["d"], text: "Display menu", run: () => togglePopover("display") },
     { keys: ["i"], text: "This view as PNG", run: () => snapshot(viewer) },
     { keys: ["r"], text: "Start a film, end it", run: () => viewer.film.toggle() },
+    { keys: ["v"], text: "Place the stereo camera at this view", run: () => placeStereo(viewer).then(() => panels.show("Stereo")) },
     { keys: ["t"], text: "Scene tree", run: () => panels.toggle("left") },
     { keys: ["s"], text: "Panels", run: () => panels.toggle("right") },
     { keys: ["?"], text: "This list", run: () => togglePopover(MENU_ID) },

@@ -1,21 +1,30 @@
 // The stereo camera in the scene: the frusta of its left and right camera as lines.
 
-import { BufferGeometry, Float32BufferAttribute, LineBasicMaterial, LineSegments } from "three";
+import { BufferGeometry, Float32BufferAttribute, LineBasicMaterial, LineSegments, type Vector3 } from "three";
 import type { NoRig, PlacedRig, Vector } from "../protocol";
 
 /** Distance of the drawn image plane from the camera, metres. */
 const IMAGE_PLANE_DISTANCE = 0.25;
+/** Distance from the view's camera below which the lines are not drawn, metres: their ends would lie anywhere on the screen. */
+const MIN_DISTANCE = 0.01;
 
 export class Frustum {
   readonly object = new LineSegments(new BufferGeometry(), new LineBasicMaterial());
   /** Width and height of the camera's images, pixels. */
   imageSize: [number, number] | null = null;
-  private hasPose = false;
+  /** True if the camera is in this scene. */
+  hasPose = false;
   private isShown = false;
 
   constructor(private readonly redraw: () => void) {
     this.object.matrixAutoUpdate = false;
     this.setShown();
+  }
+
+  /** Adapt to the place of the view's camera in the world. */
+  seenFrom(eye: Vector3): void {
+    const [x, y, z] = this.object.matrix.elements.slice(12, 15) as Vector;
+    this.object.visible = this.hasPose && this.isShown && Math.hypot(eye.x - x, eye.y - y, eye.z - z) > MIN_DISTANCE;
   }
 
   /** Show or hide the camera. Without a pose it stays hidden. */

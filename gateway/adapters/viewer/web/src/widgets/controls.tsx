@@ -1,6 +1,8 @@
 // Buttons, links and form controls of the page.
 
-import type { ButtonHTMLAttributes, ComponentChildren, TargetedEvent } from "preact";
+import { useSignal } from "@preact/signals";
+import type { ButtonHTMLAttributes, ComponentChildren, RefObject, TargetedEvent } from "preact";
+import { useEffect } from "preact/hooks";
 import { download } from "../files";
 import type { TreeNode } from "../model";
 import { Icon, type IconName } from "./icons";
@@ -18,6 +20,26 @@ export function Button({ icon, title, pressed, children, ...more }: ButtonProps)
       <Icon name={icon} />
       {children}
     </button>
+  );
+}
+
+/** Button that copies a text, or selects the element that shows it: browsers allow copies over HTTPS and on localhost. */
+export function CopyButton({ text, shown, title }: { text: string; shown: RefObject<Element | null>; title: string }) {
+  const label = useSignal("Copy");
+  useEffect(() => void (label.value = "Copy"), [text]);
+  const copy = async () => {
+    try {
+      await navigator.clipboard.writeText(text);
+      label.value = "Copied";
+    } catch {
+      getSelection()?.selectAllChildren(shown.current as Node);
+      label.value = "Selected: press Ctrl+C";
+    }
+  };
+  return (
+    <Button icon="copy" class="plain" title={title} onClick={copy}>
+      {label}
+    </Button>
   );
 }
 
