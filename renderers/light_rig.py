@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+import math
+from dataclasses import dataclass, field, replace
 from typing import Final, Literal
 
 from renderers.drawlist import Light, LightKind
@@ -89,6 +90,41 @@ class Rig:
             raise ValueError(f"shadow_size must be 0 or 64 .. 8192 texels, not {self.shadow_size}")
         if not 0 <= self.shadow_radius <= 8:
             raise ValueError(f"shadow_radius must be 0 .. 8 texels, not {self.shadow_radius}")
+
+
+@dataclass(frozen=True, slots=True)
+class LightChange:
+    """Changes of a rig's key light, its first directional light, and of its environment."""
+
+    azimuth: float | None = None
+    """Direction from which the key light comes: degrees from +X, counter-clockwise seen from above; None: the rig's."""
+    elevation: float | None = None
+    """Degrees above the horizon; None: the rig's."""
+    strength: float = 1.0
+    """Factor of the key light."""
+    ambient: float = 1.0
+    """Factor of the environment."""
+
+    def applied_to(self, rig: Rig) -> Rig:
+        """Return the changed rig."""
+        lights, surroundings = list(rig.lights), rig.surroundings
+        key = next((i for i, light in enumerate(lights) if light.kind is LightKind.DIRECTIONAL), None)
+        if key is not None:
+            light = lights[key]
+            direction = self._direction(*light.direction)
+            lights[key] = replace(light, direction=direction, intensity=self.strength * light.intensity)
+        if surroundings is not None:
+            surroundings = replace(surroundings, intensity=self.ambient * surroundings.intensity)
+        return replace(rig, lights=tuple(lights), surroundings=surroundings)
+
+    def _direction(self, x: float, y: float, z: float) -> Vector3:
+        """Return the direction in which the key light shines, given that of the rig."""
+        if self.azimuth is None and self.elevation is None:
+            return x, y, z
+        azimuth = math.atan2(-y, -x) if self.azimuth is None else math.radians(self.azimuth)
+        elevation = math.atan2(-z, math.hypot(x, y)) if self.elevation is None else math.radians(self.elevation)
+        across = -math.cos(elevation)
+        return across * math.cos(azimuth), across * math.sin(azimuth), -math.sin(elevation)
 
 
 @dataclass(frozen=True, slots=True)

@@ -104,8 +104,7 @@ class SceneApi:
         snapshot = with_visibility(snapshot or self.scene.tree.snapshot, query.hidden, query.shown)
         draw_list = self.scene.draw_list(snapshot)
         camera = self._camera(query, snapshot, draw_list)
-        style = self.config.style
-        style = replace(style, background=query.background_rgb or style.background, samples=query.samples or 0)
+        style = replace(self.config.style.for_image(query.background_rgb, query.light), samples=query.samples or 0)
         look = style.look_for(query.look)
         outputs, smooth = _OUTPUTS[query.type], query.type == "color" and style.applies_fxaa(look)
         if smooth and query.look == "plain" and any(_flags_of_points(draw_list)):

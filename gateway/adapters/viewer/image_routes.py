@@ -66,6 +66,7 @@ class JpegQuery(ColorQuery):
             hide=self.hidden,
             show=self.shown,
             background=self.background_rgb,
+            light=self.light,
         )
 
 

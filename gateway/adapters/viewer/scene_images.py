@@ -3,7 +3,7 @@
 import asyncio
 from collections.abc import AsyncIterator, Callable
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field
 from functools import partial
 from typing import Final
 
@@ -22,6 +22,7 @@ from gateway.scene.tree.nodes import Path
 from gateway.scene.tree.timeline import state_at
 from renderers.encode import jpeg_rgb
 from renderers.interface import LookName, Output, Renderer
+from renderers.light_rig import LightChange
 
 _log = structlog.get_logger("view")
 
@@ -61,6 +62,8 @@ class ImageRequest:
     """Hidden nodes to show."""
     background: tuple[int, int, int] | None = None
     """0 .. 255; None: the configured one."""
+    light: LightChange = field(default_factory=LightChange)
+    """Changes of the configured light."""
 
 
 class SceneImages:
@@ -99,8 +102,7 @@ class SceneImages:
             stereo=self._scene.stereo_camera(shown),
             draw_list=draw_list,
         )
-        style = self.config.style
-        look = replace(style, background=request.background or style.background).look_for(request.look)
+        look = self.config.style.for_image(request.background, request.light).look_for(request.look)
         frame = self._renderer.render(draw_list, camera, Output.COLOR, look)
         assert frame.color is not None
         return jpeg_rgb(frame.color, quality=request.quality)

@@ -16,6 +16,7 @@ from gateway.scene.draw.cameras import CAMERA_PATTERN, PATHS_PATTERN, CameraSpec
 from gateway.scene.draw.shown import COLOR_PATTERN, parse_color, parse_paths
 from gateway.scene.tree.nodes import Path
 from gateway.scene.tree.timeline import MAX_SECONDS, TIME_DESCRIPTION
+from renderers.light_rig import LightChange
 
 TIME_PARAMETER: Final[Any] = Query(
     None,
@@ -24,6 +25,9 @@ TIME_PARAMETER: Final[Any] = Query(
     description=f"{TIME_DESCRIPTION} Default: now.",
     openapi_examples=example(-2.5),
 )
+
+MAX_LIGHT_FACTOR: Final = 100.0
+"""Maximum factor of the light: a hundred times brighter, most images are white."""
 
 
 def side_parameter(default: int, *, max_side: int, max_pixels_text: str, example_value: int) -> Any:
@@ -120,11 +124,34 @@ class ColorQuery(ViewQuery):
         openapi_examples=example("ffffff"),
     )
 
+    light_azimuth: float | None = Query(
+        None,
+        ge=-360,
+        le=360,
+        description="Direction from which the key light of the look studio comes, its first directional light: "
+        "degrees from +X, counter-clockwise seen from above. Default: the rig's.",
+        openapi_examples=example(-120.0),
+    )
+    light_elevation: float | None = Query(
+        None, ge=-90, le=90, description="Its degrees above the horizon.", openapi_examples=example(60.0)
+    )
+    light_strength: float = Query(
+        1.0, ge=0, le=MAX_LIGHT_FACTOR, description="Factor of the key light.", openapi_examples=example(1.5)
+    )
+    light_ambient: float = Query(
+        1.0, ge=0, le=MAX_LIGHT_FACTOR, description="Factor of the environment.", openapi_examples=example(0.5)
+    )
+
     @field_validator("background")
     @classmethod
     def _check_background(cls, text: str) -> str:
         parse_color("background", text)
         return text
+
+    @property
+    def light(self) -> LightChange:
+        """Changes of the server's light."""
+        return LightChange(self.light_azimuth, self.light_elevation, self.light_strength, self.light_ambient)
 
     @property
     def background_rgb(self) -> tuple[int, int, int] | None:

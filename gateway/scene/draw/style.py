@@ -1,10 +1,12 @@
 """Shading of images of a scene, as settings, commands and requests choose it."""
 
-from dataclasses import dataclass
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
 from typing import Final, Literal
 
 from renderers.interface import Look, LookName
-from renderers.light_rig import STUDIO, Rig
+from renderers.light_rig import STUDIO, LightChange, Rig
 
 LookChoice = Literal["auto", LookName]
 """Name of a look, or ``auto``: the scene decides."""
@@ -28,6 +30,10 @@ class Style:
     """Lights and environment of the look ``studio``."""
     alpha_threshold: float = 0.0
     """Alpha below which blended surfaces are cut out; see ``Look``."""
+
+    def for_image(self, background: tuple[int, int, int] | None, light: LightChange) -> Style:
+        """Return the style of an image with a background, None for the same, and changed light."""
+        return replace(self, background=background or self.background, rig=light.applied_to(self.rig))
 
     def look_for(self, scene_look: LookName, requested: LookChoice | None = None) -> Look:
         """Return the look of an image: that of its request, or ``look``, for which ``auto`` is the scene's."""

@@ -605,6 +605,33 @@ def test_render_requests_are_listed(view: tuple[View, Publisher], gateway: tuple
     shown.until(lambda: images.evaluate_all(loaded), "the images")
 
 
+def test_the_light_of_the_view_is_that_of_its_render(view: tuple[View, Publisher]) -> None:
+    shown, publisher = view
+    page = shown.page
+    publisher.box(["lit"], RED)
+    shown.look_at("lit")
+
+    def parameters() -> dict[str, list[str]]:
+        with page.expect_request(lambda request: "scene/render" in request.url) as request:
+            page.get_by_text("Render", exact=True).click()
+        query = parse_qs(urlsplit(request.value.url).query)
+        return {name: values for name, values in query.items() if name.startswith("light_")}
+
+    shown.until(lambda: shown.share("red") > 0.02, "a red box")
+    assert parameters() == {}
+    shown.open_display_menu()
+    page.get_by_label("Key strength").fill("0")
+    page.get_by_role("slider", name="Ambient").fill("0.1")
+    page.keyboard.press("Escape")
+    shown.until(lambda: shown.share("red") == 0.0, "a dark box")
+    assert parameters() == {"light_strength": ["0"], "light_ambient": ["0.1"]}
+    shown.open_display_menu()
+    page.get_by_role("button", name="Reset the light").click()
+    page.keyboard.press("Escape")
+    shown.until(lambda: shown.share("red") > 0.02, "a red box again")
+    assert parameters() == {}
+
+
 def test_background_choices(view: tuple[View, Publisher]) -> None:
     shown, publisher = view
     publisher.box(["ground"], RED)

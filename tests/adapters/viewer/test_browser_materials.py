@@ -97,9 +97,11 @@ def place(view: View, eye: tuple[float, float, float], *, orthographic: bool) ->
     view.until(lambda: view.colors().shape == (400, 500, 3), "the size")
 
 
-def render(url: str, camera: str, image_type: str = "color") -> NDArray[np.uint8]:
+def render(
+    url: str, camera: str, image_type: str = "color", light: dict[str, float] | None = None
+) -> NDArray[np.uint8]:
     """Return the gateway's image, (400, 500, 3) uint8."""
-    query = {"camera": camera, "width": "500", "height": "400", "type": image_type}
+    query: dict[str, str | float] = {"camera": camera, "width": 500, "height": 400, "type": image_type, **(light or {})}
     with clients.Client(base_url=url) as http:
         response = http.get("/scene/render", params=query)
     return np.asarray(Image.open(io.BytesIO(response.content)).convert("RGB"))
@@ -124,6 +126,12 @@ def test_page_and_gateway_draw_the_same_materials(tmp_path: Path) -> None:
             assert levels <= 6.0, material
         view.page.close()
         assert view.faults == []
+
+
+SET_LIGHT = """(light) => {
+  const change = { azimuth: null, elevation: null, strength: 1, ambient: 1, ...light };
+  scenegate.light.change.value = change;
+}"""
 
 
 def test_page_and_gateway_light_the_same_scene(tmp_path: Path) -> None:
@@ -151,17 +159,24 @@ def test_page_and_gateway_light_the_same_scene(tmp_path: Path) -> None:
         view.page.goto(f"{url}/view?shadows=on")
         view.wait_for_node("spheres")
         place(view, (0.0, -4.0, 3.0), orthographic=False)
-        image = render(url, "eye=0,-4,3;target=0,0,0;up=0,0,1;fovy=45").astype(int)
-        view.until(lambda: np.abs(view.colors() - image).mean() < 2.0, "the light of the gateway's image")
-        difference = np.abs(view.colors() - image).max(axis=2)
-        gray = image.max(axis=2).astype(np.uint8)
-        kernel = np.ones((5, 5), np.uint8)
-        is_smooth = cv2.dilate(gray, kernel) - cv2.erode(gray, kernel) < 32  # no silhouette or border of a shadow
-        assert (difference[is_smooth] > 16).mean() < 0.02
-        y, x = np.mgrid[:400, :500]
-        metres = 400 / (2 * np.tan(np.radians(22.5)) * 5.0)  # pixels a metre at the spheres
-        for number in range(1, len(materials)):
-            is_sphere = np.hypot(x - 250 - metres * (number - 3), y - 200) < 0.35 * metres
-            assert difference[is_sphere].mean() < 8.0, materials[number]
+        lights: list[dict[str, float]] = [
+            {},
+            {"light_azimuth": 45, "light_elevation": 35, "light_strength": 1.5, "light_ambient": 0.3},
+            {"light_strength": 0, "light_ambient": 2},
+        ]
+        for light in lights:
+            view.page.evaluate(SET_LIGHT, {name.removeprefix("light_"): value for name, value in light.items()})
+            image = render(url, "eye=0,-4,3;target=0,0,0;up=0,0,1;fovy=45", light=light).astype(int)
+            view.until(lambda: np.abs(view.colors() - image).mean() < 2.0, f"the gateway's image with {light}")  # noqa: B023
+            difference = np.abs(view.colors() - image).max(axis=2)
+            gray = image.max(axis=2).astype(np.uint8)
+            kernel = np.ones((5, 5), np.uint8)
+            is_smooth = cv2.dilate(gray, kernel) - cv2.erode(gray, kernel) < 32  # no silhouette or border of a shadow
+            assert (difference[is_smooth] > 16).mean() < 0.02
+            y, x = np.mgrid[:400, :500]
+            metres = 400 / (2 * np.tan(np.radians(22.5)) * 5.0)  # pixels a metre at the spheres
+            for number in range(1, len(materials)):
+                is_sphere = np.hypot(x - 250 - metres * (number - 3), y - 200) < 0.35 * metres
+                assert difference[is_sphere].mean() < 8.0, (materials[number], light)
         view.page.close()
         assert view.faults == []

@@ -101,4 +101,4 @@ setInterval(() => {
 // For tests and the console.
 const { model } = session;
 const { drawing, frustum, select, fit } = viewer;
-Object.assign(window, { scenegate: { model, drawing, stage, rig: stage.rig, frustum, select, fit, Box3 } });
+Object.assign(window, { scenegate: { model, drawing, stage, rig: stage.rig, frustum, light: viewer.viewLight, select, fit, Box3 } });

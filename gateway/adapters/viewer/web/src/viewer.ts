@@ -15,6 +15,7 @@ import { Marks } from "./tools/marks";
 import { Measurement } from "./tools/measure";
 import { Timeline } from "./tools/timeline";
 import { TopView } from "./tools/topview";
+import { ViewLight } from "./tools/viewlight";
 import type { Direction } from "./view/camera";
 import { Drawing } from "./view/drawing";
 import { Frustum } from "./view/frustum";
@@ -30,6 +31,10 @@ export class Viewer {
   readonly stage: Stage = new Stage(() => imageQuery(this));
   readonly topView = new TopView();
   readonly drawing = new Drawing(this.session.model, this.stage);
+  readonly viewLight = new ViewLight((change) => {
+    this.stage.lights.adapt(change);
+    this.followLights();
+  });
   readonly frustum = new Frustum(this.stage.redraw);
   readonly follow = new Follow(this.session.model, () => {
     this.stage.rig.placements += 1; // it is not the home view any more
@@ -158,6 +163,11 @@ export class Viewer {
   /** Adopt the light of the gateway's images. */
   light(lighting: PageLighting): void {
     this.stage.lights.set(lighting);
+    this.viewLight.own.value = this.stage.lights.ownAngles;
+    this.followLights();
+  }
+
+  private followLights(): void {
     this.stage.materials.renewEnvironment();
     this.placeShadows();
   }

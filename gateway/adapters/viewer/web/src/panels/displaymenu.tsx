@@ -4,6 +4,7 @@ import type { ComponentChildren } from "preact";
 import { useRef } from "preact/hooks";
 import { BACKGROUNDS, type Background, options, type SwitchName } from "../options";
 import { PointSizeFields } from "../tools/pointsize";
+import { LightFields } from "../tools/viewlight";
 import type { Viewer } from "../viewer";
 import { Button, Check, Field } from "../widgets/controls";
 import { SideViewFields } from "./sideviews";
@@ -34,7 +35,7 @@ export function DisplayMenu({ viewer }: { viewer: Viewer }) {
     menu.current!.style.top = `${bottom + 6}px`;
     menu.current!.style.left = `${Math.max(6, Math.min(left, innerWidth - MENU_WIDTH))}px`;
   };
-  const about = { title: "Grid, axes, shadows, point size, background, theme", popovertarget: "display" };
+  const about = { title: "Grid, axes, light, shadows, point size, background, theme", popovertarget: "display" };
   const backgrounds = Object.entries(BACKGROUNDS) as [Background, string][];
   return (
     <>
@@ -52,8 +53,9 @@ export function DisplayMenu({ viewer }: { viewer: Viewer }) {
           <SideViewFields viewer={viewer} />
         </Group>
         <Group title="Light">
-          <Switch name="shadows" text="Shadows" title="Of a lamp on the left, behind the camera" />
+          <Switch name="shadows" text="Shadows" title="Of the key light" />
           <Switch name="occlusion" text="Ambient occlusion" title="Darkens corners and contacts; costs the most" />
+          <LightFields light={viewer.viewLight} />
         </Group>
         <Group title="Points">
           <PointSizeFields materials={viewer.stage.materials} />

@@ -7,9 +7,10 @@ import { cameraText } from "../view/camera";
 import type { Stage } from "../view/stage";
 import type { Marks } from "./marks";
 import type { Timeline } from "./timeline";
+import type { ViewLight } from "./viewlight";
 
-/** View, scene and moment that are downloaded. */
-type Source = { stage: Stage; session: Session; timeline: Timeline };
+/** View, scene, moment and light that are downloaded. */
+type Source = { stage: Stage; session: Session; timeline: Timeline; viewLight: Pick<ViewLight, "query"> };
 
 /** Return the view as parameters of `/scene.glb`. */
 function viewQuery({ stage, session, timeline }: Source): URLSearchParams {
@@ -27,6 +28,7 @@ function viewQuery({ stage, session, timeline }: Source): URLSearchParams {
 export function imageQuery(source: Source): URLSearchParams {
   const query = viewQuery(source);
   query.set("background", (source.stage.scene.background as Color).getHexString());
+  for (const [name, value] of Object.entries(source.viewLight.query)) query.set(name, value);
   return query;
 }
 

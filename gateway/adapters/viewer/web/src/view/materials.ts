@@ -88,9 +88,11 @@ export class Materials {
     this.shared.clear();
   }
 
+  /** Follow the environment of the lights. */
   renewEnvironment(): void {
     for (const material of this.shared.values())
-      if (material instanceof THREE.MeshStandardMaterial && material.envMap) material.envMap = this.lights.environmentMap;
+      if (material instanceof THREE.MeshStandardMaterial && material.envMap)
+        Object.assign(material, { envMap: this.lights.environmentMap, envMapIntensity: this.lights.change.ambient });
   }
 
   setWireframe(on: boolean): void {
@@ -157,6 +159,7 @@ export class Materials {
       roughness,
       roughnessMap: map,
       envMap: metallic > 0 ? this.lights.environmentMap : null,
+      envMapIntensity: this.lights.change.ambient,
       envMapRotation: new THREE.Euler(Math.PI / 2, 0, 0),
     });
   }
