@@ -19,15 +19,18 @@ _NODES: Final = ("rc_camera", "rc_stereomatching", "rc_iocontrol")
 async def setup(context: Context, provided: Provided) -> Provided:
     """Serve Foxglove's protocol on ``--foxglove-port``."""
     try:
+        from gateway.adapters.foxglove.front import Front
         from gateway.adapters.foxglove.service import FoxgloveService
     except ImportError as error:
         raise ImportError(f"{error}; --foxglove-port needs pip install 'scenegate[foxglove]'") from None
 
-    port = context.settings.foxglove_port
-    assert port is not None
+    settings = context.settings
+    assert settings.foxglove_port is not None
     stereo = provided.stereo
     scene_frames = SnapshotFrames if stereo is None else partial(SnapshotFrames, stereo.sensor.rig)
-    service = FoxgloveService(port, context.tree, scene_frames, FoxgloveCamera(stereo.service) if stereo else None)
+    camera = FoxgloveCamera(stereo.service) if stereo else None
+    front = Front(settings.trusted_hosts, settings.cors_origins)
+    service = FoxgloveService(settings.foxglove_port, context.tree, scene_frames, camera, front)
     context.run_service("foxglove", service, where="Foxglove: ws://127.0.0.1, --foxglove-port")
     return provided
 

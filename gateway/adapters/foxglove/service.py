@@ -9,6 +9,7 @@ import structlog
 
 from gateway.adapters.foxglove.channels import Channels
 from gateway.adapters.foxglove.foxglove_sources import CameraSource, NewSceneFrames, SceneFrames
+from gateway.adapters.foxglove.front import Front, inner_host
 from gateway.scene.tree.live import LiveTree, Snapshot
 from scenegate.camera import image_interface_pb2 as pb
 from scenegate.recording.camera_values import CameraConverter
@@ -48,8 +49,15 @@ class _WantedImages(NamedTuple):
 class FoxgloveService:
     """Serves Foxglove's protocol on a port of this machine."""
 
-    def __init__(self, port: int, tree: LiveTree, scene_frames: NewSceneFrames, camera: CameraSource | None) -> None:
-        """Create a service; ``run`` starts it. Port 0: a free one."""
+    def __init__(
+        self,
+        port: int,
+        tree: LiveTree,
+        scene_frames: NewSceneFrames,
+        camera: CameraSource | None,
+        front: Front | None = None,
+    ) -> None:
+        """Create a service; ``run`` starts it. Port 0: a free one. ``front``: lets clients in; None: the app alone."""
         self.port = port
         """The actual port while the service is ready."""
         self.ready = False
@@ -57,6 +65,7 @@ class FoxgloveService:
         self._scene_frames = scene_frames
         self._camera = camera
         self._profile = Profile("foxglove", _log.warning)
+        self.front = front or Front((), ())
         self._channels = Channels(self._on_subscription, camera.parameters if camera else dict)
         self._loop: asyncio.AbstractEventLoop | None = None
         self._scene_changed = asyncio.Event()
@@ -74,19 +83,23 @@ class FoxgloveService:
         for topic, schema in schemas().items():
             if self._camera is not None or topic in (TF_TOPIC, SCENE_TOPIC):
                 self._channels.advertise(topic, schema)
-        self.port = self._channels.start(HOST, self.port)
-        _log.info(f"Foxglove's WebSocket on ws://{HOST}:{self.port}")
+        host = inner_host()
+        inner_port = self._channels.start(host, 0)
         loop = self._loop
         stop_listening = self._tree.listen(lambda: _notify(loop, self._scene_changed))
-        self.ready = True
         try:
-            async with asyncio.TaskGroup() as tasks:
+            server = await self.front.start(HOST, self.port, (host, inner_port))
+            self.port = server.sockets[0].getsockname()[1]
+            _log.info(f"Foxglove's WebSocket on ws://{HOST}:{self.port}")
+            self.ready = True
+            async with server, asyncio.TaskGroup() as tasks:
                 tasks.create_task(self._send_scene())
                 if self._camera is not None:
                     tasks.create_task(self._send_images(self._camera))
         finally:
             self.ready = False
             stop_listening()
+            self.front.stop()
             await asyncio.to_thread(self._channels.stop)
 
     def _on_subscription(self, topic: str) -> None:

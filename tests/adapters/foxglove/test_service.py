@@ -3,7 +3,7 @@
 import asyncio
 import socket
 from collections.abc import AsyncIterator
-from contextlib import asynccontextmanager
+from contextlib import asynccontextmanager, suppress
 from types import SimpleNamespace
 from typing import Any
 
@@ -17,8 +17,10 @@ pytest.importorskip("foxglove_schemas_protobuf", reason="needs the extra foxglov
 
 from foxglove_schemas_protobuf.SceneEntityDeletion_pb2 import SceneEntityDeletion
 
+from gateway.adapters.foxglove import front as foxglove_front
 from gateway.adapters.foxglove import service as foxglove_service
 from gateway.adapters.foxglove.channels import BACKLOG_MESSAGES, MAX_CLIENTS, Channels
+from gateway.adapters.foxglove.front import Front
 from gateway.adapters.foxglove.service import FoxgloveService
 from gateway.adapters.stereo.service import StereoService
 from gateway.adapters.stereo.stream.subscriptions import ImageSetHub
@@ -130,7 +132,7 @@ async def test_what_the_sdk_reports_of_clients_is_a_sentence_of_ours() -> None:
     with capture_logs() as log:
         async with running(FoxgloveService(0, LiveTree(), SnapshotFrames, None)) as service:
             _, writer = await asyncio.open_connection("127.0.0.1", service.port)
-            writer.write(b"GET / HTTP/1.1\r\n\r\n")
+            writer.write(b"GET / HTTP/1.1\r\nUpgrade: websocket\r\n\r\n")
             await writer.drain()
             writer.close()
             await until(lambda: any("reason" in entry for entry in log))
@@ -252,6 +254,62 @@ async def test_a_taken_port() -> None:
         service = FoxgloveService(taken.getsockname()[1], LiveTree(), SnapshotFrames, None)
         with pytest.raises(OSError, match=r"Foxglove's server cannot listen on 127.0.0.1 port \d+: "):
             await service.run()
+
+
+@pytest.mark.parametrize(
+    ("headers", "is_refused"),
+    [
+        ({}, False),
+        ({"Origin": "https://app.foxglove.dev"}, False),
+        ({"Origin": "file://"}, False),
+        ({"Origin": "https://own.example.org"}, False),
+        ({"Host": "robot.example.org:8765"}, False),
+        ({"Origin": "https://evil.example"}, True),
+        ({"Origin": "http://127.0.0.1:9000"}, True),
+        ({"Origin": "null"}, True),
+        ({"Host": "evil.example"}, True),
+        ({"X": "x" * 9000}, True),
+    ],
+)
+async def test_pages_of_other_sites_are_refused(headers: dict[str, str], is_refused: bool) -> None:
+    front = Front(("robot.example.org",), ("https://own.example.org",))
+    async with running(FoxgloveService(0, LiveTree(), SnapshotFrames, None, front)) as service:
+        lines = {"Host": f"127.0.0.1:{service.port}", "Upgrade": "websocket", "Connection": "Upgrade"}
+        lines |= {"Sec-WebSocket-Key": "AAAAAAAAAAAAAAAAAAAAAA==", "Sec-WebSocket-Version": "13"}
+        lines |= {"Sec-WebSocket-Protocol": SUBPROTOCOL, **headers}
+        reader, writer = await asyncio.open_connection("127.0.0.1", service.port)
+        head = "".join(f"{name}: {value}\r\n" for name, value in lines.items())
+        writer.write(f"GET / HTTP/1.1\r\n{head}\r\n".encode())
+        status = b""
+        with suppress(ConnectionResetError):
+            status = await reader.readline()
+        assert status.startswith(b"HTTP/1.1 101 ") is not is_refused, status
+        writer.close()
+
+
+async def test_a_plain_request_is_refused() -> None:
+    """Images of pages have no origin."""
+    async with running(FoxgloveService(0, LiveTree(), SnapshotFrames, None)) as service:
+        reader, writer = await asyncio.open_connection("127.0.0.1", service.port)
+        writer.write(b"GET / HTTP/1.1\r\nHost: 127.0.0.1\r\n\r\n")
+        assert (await reader.read()).startswith(b"HTTP/1.1 403 ")
+        writer.close()
+
+
+async def test_silent_connections_end_and_are_limited(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(foxglove_front, "MAX_SOCKETS", 2)
+    async with running(FoxgloveService(0, LiveTree(), SnapshotFrames, None)) as service:
+        silent = [await asyncio.open_connection("127.0.0.1", service.port) for _ in range(2)]
+        await until(lambda: len(service.front.sockets) == 2)
+        reader, writer = await asyncio.open_connection("127.0.0.1", service.port)
+        assert await reader.read() == b""
+        for each in (writer, *(writer for _, writer in silent)):
+            each.close()
+        monkeypatch.setattr(foxglove_front, "HEAD_SECONDS", 0.01)
+        await until(lambda: not service.front.sockets)
+        reader, writer = await asyncio.open_connection("127.0.0.1", service.port)
+        assert await reader.read() == b""
+        writer.close()
 
 
 def channels() -> Channels:
