@@ -5,6 +5,7 @@ from __future__ import annotations
 import typer
 
 from gateway.cli import dataset
+from gateway.cli.completion import IS_COMPLETING, add_client_commands
 from gateway.cli.convert import convert
 from gateway.cli.export import export
 from gateway.cli.render import add_render
@@ -46,3 +47,5 @@ add_render(app)
 for command in (export, convert, doctor, warmup):
     app.command()(command)
 app.add_typer(dataset.app, name="dataset")
+if IS_COMPLETING:
+    add_client_commands(app)

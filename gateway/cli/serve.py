@@ -15,6 +15,7 @@ from pydantic.fields import FieldInfo
 from rich.markup import escape
 
 from gateway.cli import first_line
+from gateway.cli.completion import IS_COMPLETING
 from gateway.runtime.settings import Settings, SettingsError, load, unknown_environment
 from gateway.runtime.settings.option import default_of, flag_of, group_of, metavar_of, second_flag_of
 from scenegate.cli.output import print_note
@@ -80,13 +81,15 @@ def _flag(name: str, field: FieldInfo) -> Any:
     flag, second, default = flag_of(name), second_flag_of(field), default_of(field.default)
     switch = field.annotation is bool
     names = [f"{flag}/--no-{flag[2:]}"] if switch else [flag, *([second] if second else [])]
+    choices = [word for word in metavar_of(field).split("|") if word.islower()]
     info = typer.Option(
         *names,
+        autocompletion=None if switch else lambda: choices,
         help=escape(f"{field.description}{f' [default: {default}]' if default else ''}"),
         rich_help_panel=group_of(field),
         metavar=None if switch else metavar_of(field),
         show_default=False,
-        hidden=name not in COMMON,
+        hidden=name not in COMMON and not IS_COMPLETING,
     )
     if name in REPEATABLE:
         return Annotated[list[str] | None, info]

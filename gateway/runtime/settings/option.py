@@ -59,6 +59,8 @@ def metavar_of(field: FieldInfo) -> str:
     """Return the placeholder of a value: its choices, or a word such as NUMBER."""
     annotation: Any = field.annotation
     arguments = [part for part in get_args(annotation) if part is not type(None)]
+    if len(arguments) == 1 and get_origin(arguments[0]) is Literal:  # or None
+        annotation, arguments = arguments[0], list(get_args(arguments[0]))
     if get_origin(annotation) is Literal:
         return "|".join(map(str, arguments))
     words = {bool: "on|off", int: "NUMBER", float: "NUMBER", Path: "PATH", str: "TEXT"}

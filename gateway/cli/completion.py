@@ -1,0 +1,37 @@
+"""Commands of the client as commands of Typer's, so that the shell completes them and their options."""
+
+from __future__ import annotations
+
+import argparse
+import inspect
+import os
+from typing import Annotated, Any, Final
+
+import typer
+
+from scenegate.cli import CLIENT_COMMANDS, command_parser
+
+IS_COMPLETING: Final = "_SCENEGATE_COMPLETE" in os.environ
+"""True if the shell asks for completions: no command runs then."""
+
+
+def add_client_commands(app: typer.Typer) -> None:
+    """Add the commands, which cannot be run."""
+    for name, (_, description) in CLIENT_COMMANDS.items():
+
+        def never_run(**_: Any) -> None: ...
+
+        actions = command_parser(name)._actions  # noqa: SLF001 - argparse has no other list of them
+        never_run.__signature__ = inspect.Signature([_parameter(action) for action in actions if _is_option(action)])  # type: ignore[attr-defined]
+        app.command(name, help=description)(never_run)
+
+
+def _is_option(action: argparse.Action) -> bool:
+    return bool(action.option_strings) and action.dest != "help"
+
+
+def _parameter(action: argparse.Action) -> inspect.Parameter:
+    choices = [str(choice) for choice in action.choices or ()]
+    option = typer.Option(*action.option_strings, autocompletion=lambda: choices)
+    annotation: Any = Annotated[bool | None, option] if action.nargs == 0 else Annotated[str | None, option]
+    return inspect.Parameter(action.dest, inspect.Parameter.KEYWORD_ONLY, default=None, annotation=annotation)
