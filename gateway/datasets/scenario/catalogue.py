@@ -36,11 +36,13 @@ class Catalogue:
     def models(self) -> dict[tuple[str, int], tuple[str, ...]]:
         """Files of each table of models, by the table's name and index."""
         scenario = self.scenario
-        return {
-            (kind, index): self.files(model.path, FOLDER_SUFFIXES, f"{kind}[{index}].path")
-            for kind, models in (("models", scenario.models), ("distractors", scenario.distractors))
-            for index, model in enumerate(models)
-        }
+        files: dict[tuple[str, int], tuple[str, ...]] = {}
+        for kind, models in (("models", scenario.models), ("distractors", scenario.distractors)):
+            for index, model in enumerate(models):
+                patterns = (model.path,) if isinstance(model.path, str) else model.path
+                found = [self.files(pattern, FOLDER_SUFFIXES, f"{kind}[{index}].path") for pattern in patterns]
+                files[kind, index] = tuple(sorted({file for each in found for file in each}))
+        return files
 
     @cached_property
     def model_names(self) -> dict[str, str]:

@@ -63,8 +63,8 @@ class Materials(Table, frozen=True):
 class Model(Table, frozen=True):
     """Models, and how objects are made of them."""
 
-    path: str
-    """A file, a folder or a pattern (``**`` for all folders): glTF, meshes, URDF, SDF or MJCF."""
+    path: str | Annotated[tuple[str, ...], Meta(min_length=1)]
+    """A file, a folder or a pattern (``**`` for all folders), or a list of these: glTF, meshes, URDF, SDF or MJCF."""
     count: Range[Count] = 1
     """Number of objects; the model of each is drawn among the files."""
     scale: Range[Factor] = 1.0

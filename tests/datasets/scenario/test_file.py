@@ -45,6 +45,7 @@ MODEL = "[[models]]\npath = 'models/can.urdf'\n"
         (MODEL + "animation = 0", "models[0]: it moves, so [frames] must have the count of frames"),
         ("seed = 'x'", "seed: expected `int`, not 'x'"),
         ("scenes = 0", "scenes: expected `int` >= 1, not 0"),
+        ("[[models]]\npath = []", "models[0].path: "),
         ("[[models]]\nscale = 1", "models[0]: object missing required field `path`"),
         (
             "[[cameras]]\nkind = 'orbit'",
@@ -80,6 +81,17 @@ def test_a_missing_file_and_a_folder_without_models(write: Write, tmp_path: Path
     empty = read_catalogue(write("[[models]]\npath = 'nothing/*.obj'"))
     with pytest.raises(ScenarioError, match=r"models\[0\].path: 'nothing/\*.obj'"):
         _ = empty.models
+
+
+def test_a_path_may_be_a_list(write: Write) -> None:
+    path = write("[[models]]\npath = ['m/*.obj', 'm/a.obj', 'one.stl']")
+    (path.parent / "m").mkdir()
+    for name in ("m/b.obj", "m/a.obj", "one.stl"):
+        (path.parent / name).write_text("")
+    assert read_catalogue(path).models == {("models", 0): ("m/a.obj", "m/b.obj", "one.stl")}
+    missing = read_catalogue(write("[[models]]\npath = ['m/*.obj', 'none.obj']"))
+    with pytest.raises(ScenarioError, match=r"models\[0\].path: 'none.obj'"):
+        _ = missing.models
 
 
 @pytest.mark.parametrize("path", EXAMPLES, ids=lambda path: path.stem)
