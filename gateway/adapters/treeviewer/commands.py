@@ -81,6 +81,8 @@ def _read_each(name: str, elements: list[Any], results: list[Any], request: Requ
                 raise CommandError(f"{name if command.single else 'a command'} must be an object, not {show(element)}")
             if not command.single:
                 path = fields.path(element, context)
+            if command.fields:
+                fields.check_names(element, command.fields, "the command", context.warnings)
             result = command.read(index, path or (), element, context)
             if context.strict and (refusal := strict_refusal(context.warnings)):
                 raise CommandError(refusal)
@@ -106,7 +108,7 @@ def _read_geometry(
 def _read_transform(_index: int, path: Path, element: Mapping[str, Any], context: ReadContext) -> tuple[Path, Pose]:
     if "transform" not in element:
         raise CommandError("transform is missing")
-    pose = fields.pose(element["transform"])
+    pose = fields.pose(element["transform"], context.warnings)
     if not all(map(math.isfinite, pose)):
         context.warnings.append("transform is not finite, so nothing below it is drawn")
     return path, pose
@@ -214,6 +216,8 @@ class Command:
     """Field of ``Request`` with what was read."""
     read: Callable[[int, Path, Mapping[str, Any], ReadContext], Any]
     """Returns the result of one command: index in its list, path, fields, context. Raises CommandError."""
+    fields: frozenset[str] = frozenset()
+    """Names of the fields; others are warned of. Empty: ``read`` checks them."""
     read_regular: Callable[[Any], Any] | None = None
     """Returns what follows the path in the result of a typed command; None: such commands are never typed."""
     older_name: str = ""
@@ -230,19 +234,37 @@ class Command:
     """True: the event loop reads no such command."""
 
 
+def _fields(*names: str) -> frozenset[str]:
+    return frozenset(("path", *names))
+
+
 COMMANDS: Final[Mapping[str, Command]] = {
-    "delete": Command(results="deletes", read=_read_path, is_newer=False),
+    "delete": Command(results="deletes", read=_read_path, fields=_fields(), is_newer=False),
     "setgeometry": Command(
-        results="geometries", read=_read_geometry, read_regular=parts_of, older_name="load", is_newer=False
+        results="geometries",
+        read=_read_geometry,
+        fields=_fields("geometry", "geometries"),
+        read_regular=parts_of,
+        older_name="load",
+        is_newer=False,
     ),
     "settransform": Command(
-        results="transforms", read=_read_transform, read_regular=_pose_of_regular, older_name="draw", is_newer=False
+        results="transforms",
+        read=_read_transform,
+        fields=_fields("transform"),
+        read_regular=_pose_of_regular,
+        older_name="draw",
+        is_newer=False,
     ),
-    "setproperty": Command(results="properties", read=_read_property),
-    "setview": Command(results="view", read=_read_view, is_atomic=True, single=True),
-    "setclicks": Command(results="click_paths", read=_read_path, is_atomic=True),
+    "setproperty": Command(results="properties", read=_read_property, fields=_fields("visible", "opacity")),
+    "setview": Command(
+        results="view", read=_read_view, fields=frozenset(("background", "grid", "home")), is_atomic=True, single=True
+    ),
+    "setclicks": Command(results="click_paths", read=_read_path, fields=_fields(), is_atomic=True),
     # 1000 controls take 12 ms
     "setcontrols": Command(results="controls", read=_read_control, is_atomic=True, is_limited=True, needs_thread=True),
-    "setvalues": Command(results="control_changes", read=_read_value, is_limited=True),
+    "setvalues": Command(
+        results="control_changes", read=_read_value, fields=_fields("value", "samples"), is_limited=True
+    ),
 }
 """All commands by name, in the order of execution."""

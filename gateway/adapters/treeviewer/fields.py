@@ -3,7 +3,7 @@
 Irregular values that known clients of Director send are accepted.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Set
 from typing import Any, Final, cast
 
 import numpy as np
@@ -17,26 +17,35 @@ from scenegate.warning_text import NOTHING_DRAWN
 
 ZERO_TRANSLATION: Final = (0.0, 0.0, 0.0)
 IDENTITY_QUATERNION: Final = (1.0, 0.0, 0.0, 0.0)
+_POSE_NAMES: Final = frozenset(("translation", "quaternion"))
 _INT64: Final = 2**63
 _IDENTITY_POSE: Final = (*ZERO_TRANSLATION, *IDENTITY_QUATERNION)
 
 
-def pose(value: Any, name: str = "transform") -> Pose:
+def check_names(value: Mapping[Any, Any], known: Set[Any], name: str, warnings: list[str]) -> None:
+    """Add a warning if an object of this name has fields that are not known."""
+    if not value.keys() <= known:
+        unknown = ", ".join(show(key) for key in value if key not in known)
+        warnings.append(f"{name} has the unknown fields {unknown[:200]}; they are ignored")
+
+
+def pose(value: Any, warnings: list[str], name: str = "transform") -> Pose:
     """Return the pose of a transform. Translation and quaternion are optional, and may be NaN or infinite."""
     if not isinstance(value, Mapping):
         raise CommandError(f"{name} must be an object with translation and quaternion, not {show(value)}")
+    check_names(value, _POSE_NAMES, name, warnings)
     translation, quaternion = value.get("translation"), value.get("quaternion")
     xyz = ZERO_TRANSLATION if translation is None else numbers(translation, f"{name}.translation", 3)
     wxyz = IDENTITY_QUATERNION if quaternion is None else numbers(quaternion, f"{name}.quaternion", 4)
     return cast("Pose", xyz + wxyz)
 
 
-def local_transform(params: Mapping[str, Any]) -> NDArray[np.float64]:
+def local_transform(params: Mapping[str, Any], warnings: list[str]) -> NDArray[np.float64]:
     """Return the transform from a geometry's frame to its path's, as ``matrix_of`` does."""
     value = params.get("transform")
     if value is None:
         return IDENTITY
-    X_path_geometry = pose(value)
+    X_path_geometry = pose(value, warnings)
     if not all(abs(number) <= MAX_DISTANCE for number in X_path_geometry):
         raise NothingToDraw(f"transform is not finite, {NOTHING_DRAWN}")
     return matrix_of(X_path_geometry)

@@ -55,13 +55,11 @@ def read_geometry(params: Any, context: ReadContext, name: str = "geometry") -> 
     if not isinstance(kind, str) or kind not in _TYPES:
         raise CommandError(f"{name}.type is missing" if kind is None else f"{name}.type {show(kind)} is not supported")
     geometry, make_parts = _TYPES[kind]
-    if not params.keys() <= _NAMES[kind]:
-        unknown = ", ".join(show(key) for key in params if key not in _NAMES[kind])
-        context.warnings.append(f"{name} has the unknown fields {unknown[:200]}; they are ignored")
+    fields.check_names(params, _NAMES[kind], name, context.warnings)
     try:
         color = params.get("color")
         rgba = WHITE if color is None else read_color(color, "color", context)
-        X_node_geometry = fields.local_transform(params)
+        X_node_geometry = fields.local_transform(params, context.warnings)
         values = read_fields(geometry, params, context)
         if make_parts is None:
             solid: Any = geometry(**values)

@@ -21,7 +21,7 @@ _Coordinate = Annotated[float, msgspec.Meta(ge=-MAX_DISTANCE, le=MAX_DISTANCE)]
 _Fraction = Annotated[float, msgspec.Meta(ge=0, le=1)]
 
 
-class _Transform(msgspec.Struct, gc=False):
+class _Transform(msgspec.Struct, gc=False, forbid_unknown_fields=True):
     """Transform from a path's frame to its parent's, or from a geometry's frame to its path's."""
 
     translation: tuple[_Coordinate, _Coordinate, _Coordinate] = ZERO_TRANSLATION
@@ -59,8 +59,9 @@ def list_types(limits: Limits) -> dict[str, Any]:
     solid: Any = Union[tuple(_SOLIDS)]  # noqa: UP007 - a computed union
     solids = Annotated[list[solid], msgspec.Meta(max_length=limits.parts_per_path)]
     fields: Any = [("path", path), ("geometry", solid | None, None), ("geometries", solids | None, None)]
-    set_geometry: Any = msgspec.defstruct("SetGeometry", fields, gc=False)
-    set_transform: Any = msgspec.defstruct("SetTransform", [("path", path), ("transform", _Transform)], gc=False)
+    options: Any = {"gc": False, "forbid_unknown_fields": True}
+    set_geometry: Any = msgspec.defstruct("SetGeometry", fields, **options)
+    set_transform: Any = msgspec.defstruct("SetTransform", [("path", path), ("transform", _Transform)], **options)
     return {"setgeometry": list[set_geometry], "settransform": list[set_transform]}
 
 

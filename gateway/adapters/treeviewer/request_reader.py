@@ -15,13 +15,13 @@ from typing import Any, Final
 import msgspec
 import numpy as np
 
-from gateway.adapters.treeviewer import msgpack_kernels
+from gateway.adapters.treeviewer import fields, msgpack_kernels
 from gateway.adapters.treeviewer.commands import COMMANDS, read_commands
 from gateway.adapters.treeviewer.config import Limits
 from gateway.adapters.treeviewer.context import ReadContext
 from gateway.adapters.treeviewer.number_arrays import EXTENSION, unpack
 from gateway.adapters.treeviewer.regular_commands import list_types
-from gateway.adapters.treeviewer.requests import Request, UnreadableRequestError
+from gateway.adapters.treeviewer.requests import REQUEST, Finding, Request, UnreadableRequestError
 from scenegate.messages.field_kinds import show
 
 DECODE_ERRORS: Final = (msgspec.DecodeError, UnicodeDecodeError, RecursionError)
@@ -33,10 +33,9 @@ SYNTAX_ERRORS: Final = {
     msgpack_kernels.UNUSED_BYTE: "byte c1 is never used",
     msgpack_kernels.TRAILING_BYTES: "bytes follow its end",
 }
-_ABSENT: Final = msgspec.Raw()
-_NAMES: Final = (*COMMANDS, *(command.older_name for command in COMMANDS.values() if command.older_name))
-_ENVELOPE: Final = msgspec.defstruct("Envelope", [(name, msgspec.Raw, _ABSENT) for name in _NAMES], gc=False)
-"""Type of a request whose lists of commands are not decoded."""
+_NAMES: Final = frozenset((*COMMANDS, *(command.older_name for command in COMMANDS.values() if command.older_name)))
+_OTHER_NAMES: Final = frozenset(("timestamp", "utime", "list"))
+"""Names in a request that clients of Director send and no viewer reads; the last one is a C++ client's."""
 
 
 class RequestReader(ABC):
@@ -49,7 +48,7 @@ class RequestReader(ABC):
         """Requests of more than ``small_bytes`` are decoded after ``prepare_big``."""
         self.limits = limits
         self._small_bytes = small_bytes
-        self._envelope_decoder = make_decoder(_ENVELOPE)
+        self._envelope_decoder = make_decoder(dict[str, msgspec.Raw])
         self._list_decoders = {name: make_decoder(list_type) for name, list_type in list_types(limits).items()}
         """Decoders of lists of regular commands, by name and older name."""
         self._list_decoders |= {COMMANDS[name].older_name: each for name, each in self._list_decoders.items()}
@@ -73,6 +72,9 @@ class RequestReader(ABC):
                 if command.is_newer:
                     request.newer_commands.append(name)
                 read_commands(name, value, request, context)
+        fields.check_names(message, _NAMES | _OTHER_NAMES, "the request", context.warnings)
+        request.warnings.extend(Finding(REQUEST, 0, text) for text in context.warnings)
+        context.warnings.clear()
         return request
 
     @abstractmethod
@@ -86,17 +88,17 @@ class RequestReader(ABC):
     def _decode(self, data: bytes | memoryview) -> dict[str, Any]:
         """Return the lists of commands by name: those of regular commands as typed objects, others as plain values.
 
-        Raises DECODE_ERRORS if the data cannot be decoded, or is not an object.
+        What has another name is None. Raises DECODE_ERRORS if the data cannot be decoded, or is not an object.
         """
-        envelope = self._envelope_decoder.decode(data)
         lists: dict[str, Any] = {}
-        for name in envelope.__struct_fields__:
-            raw = getattr(envelope, name)
-            if raw is not _ABSENT:
-                try:
-                    lists[name] = self._list_decoders.get(name, self.any_decoder).decode(raw)
-                except msgspec.ValidationError:
-                    lists[name] = self.any_decoder.decode(raw)
+        for name, raw in self._envelope_decoder.decode(data).items():
+            if name not in _NAMES:
+                lists[name] = None
+                continue
+            try:
+                lists[name] = self._list_decoders.get(name, self.any_decoder).decode(raw)
+            except msgspec.ValidationError:
+                lists[name] = self.any_decoder.decode(raw)
         return lists
 
 

@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Final
 
 import msgspec
 import numpy as np
@@ -14,6 +14,8 @@ from gateway.scene.tree.nodes import Path, Pose
 from scenegate.messages.controls import AnyControl
 from scenegate.messages.field_kinds import show
 
+REQUEST: Final = "request"
+"""Name of the warnings about a request itself, in place of a command's."""
 Subject = tuple[str, Path | None]
 """Command and path that a warning is about; no path if it could not be read, or for commands of the page."""
 
@@ -36,6 +38,8 @@ class Finding(msgspec.Struct, frozen=True, omit_defaults=True):
     @property
     def text(self) -> str:
         """Command, path and reason in one sentence."""
+        if self.command == REQUEST:
+            return self.reason
         path = "" if self.path is None else f" {show(list(self.path))}"
         return f"{self.command}[{self.index}]{path}: {self.reason}"
 
@@ -86,6 +90,7 @@ class Request(msgspec.Struct, gc=False):
 
         The name without a path is the subject of the warnings about commands whose path could not be read.
         """
+        yield REQUEST, None
         for name, paths in (
             ("delete", self.deletes),
             ("setgeometry", [path for path, _ in self.geometries]),

@@ -39,7 +39,7 @@ BAD: dict[int, Difference] = {
     13: _reason("must be a JSON object, not []"),
     14: _reason("must be a JSON object, not 1"),
     15: _reason('must be a JSON object, not "x"'),
-    16: Difference(0, "", LENIENT),
+    16: Difference(0, 'unknown fields "a"', LENIENT),
     17: _reason("not valid JSON"),
     18: _reason("not valid JSON"),
     19: Difference(0, "", LENIENT),

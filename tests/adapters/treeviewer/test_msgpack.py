@@ -49,7 +49,7 @@ def shape(viewer: Viewer, path: str = "a") -> Any:
 
 
 def set_one(geometry: dict[str, Any], padding: int = 0) -> dict[str, Any]:
-    return {"setgeometry": [{"path": ["a"], "geometry": geometry}], "padding": bytes(padding)}
+    return {"setgeometry": [{"path": ["a"], "geometry": geometry}], "list": bytes(padding)}
 
 
 @pytest.mark.parametrize("padding", [0, PADDING], ids=["small", "big"])
@@ -257,7 +257,7 @@ def parted(part: Part) -> Any:
 def test_same_result_as_json(several: list[dict[str, Any]], padded: bool) -> None:
     in_json, in_binary = Viewer(), Viewer()
     for request in several:
-        padding = {"padding": bytes(PADDING)} if padded else {}
+        padding = {"list": bytes(PADDING)} if padded else {}
         assert tell(in_binary, request | padding) == in_json.tell(request)
     assert described(in_binary) == described(in_json)
 
@@ -315,7 +315,7 @@ def test_survives_mutated_messages() -> None:
         "settransform": [{"path": ["a"], "transform": {"translation": [1, 2, 3]}}],
     }
     for padding in (0, PADDING):
-        whole = msgspec.msgpack.encode(good | {"padding": bytes(padding)})
+        whole = msgspec.msgpack.encode(good | {"list": bytes(padding)})
         useful = len(whole) - padding
         for _ in range(3000 if not padding else 500):
             data = bytearray(whole)

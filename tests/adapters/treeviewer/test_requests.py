@@ -25,7 +25,7 @@ def viewer() -> Viewer:
         pytest.param({"setgeometry": None, "settransform": None, "delete": None}, id="null lists"),
         pytest.param({"setgeometry": {}, "settransform": {}, "delete": {}}, id="objects for lists"),
         pytest.param({"setgeometry": [None], "settransform": [None], "delete": [None]}, id="null commands"),
-        pytest.param({"utime": 5, "list": [0, 1, 2], "more": {"x": None}}, id="unknown keys"),
+        pytest.param({"utime": 5, "list": [0, 1, 2]}, id="keys without a meaning"),
         pytest.param("null", id="null"),
     ],
 )
@@ -39,6 +39,32 @@ def test_accepts_empty_requests(viewer: Viewer, request_: Any) -> None:
         "missing_paths": [],
     }
     assert viewer.live.snapshot.revision == 0
+
+
+BOX_AT_A = {"path": ["a"], "geometry": BOX}
+POSE_OF_A = {"path": ["a"], "transform": {"translation": [0, 0, 1]}}
+
+
+@pytest.mark.parametrize(
+    "request_",
+    [
+        {"settransforms": [POSE_OF_A], "unknown": 1},
+        {"setgeometry": [{**BOX_AT_A, "unknown": 1}]},
+        {"setgeometry": [{"path": ["a"], "geometry": {**BOX, "transform": {"unknown": 1}}}]},
+        {"settransform": [POSE_OF_A, {**POSE_OF_A, "unknown": 1}]},
+        {"settransform": [{"path": ["a"], "transform": {"unknown": 1, "translation": [0, 0, 0]}}]},
+        {"delete": [{"path": ["a"], "unknown": 1}]},
+        {"setproperty": [{"path": ["a"], "visible": True, "unknown": 1}]},
+        {"setview": {"grid": None, "unknown": 1}},
+    ],
+)
+def test_unknown_fields_are_ignored_with_a_warning(viewer: Viewer, request_: Any) -> None:
+    viewer.tell({"setgeometry": [BOX_AT_A]})
+    answer = viewer.tell(request_)
+    assert answer["status"] == 0
+    (warning,) = answer["warnings"]
+    assert '"unknown"' in warning
+    assert "warnings" not in viewer.tell({"setgeometry": [BOX_AT_A], "settransform": [POSE_OF_A]})
 
 
 @pytest.mark.parametrize(
