@@ -769,7 +769,7 @@ def test_keyboard_shortcuts_and_focus(view: tuple[View, Publisher]) -> None:
     assert {"Top, from +Z", "Right side, from −Y", "Display", "PNG", "Render", ".glb"} <= reached
     shown.open_display_menu()
     reached = set()
-    for _ in range(12):
+    for _ in range(16):
         keyboard.press("Tab")
         element = "e => e.ariaLabel ?? e.parentElement.textContent"
         reached.add(shown.page.evaluate(f"({element})(document.activeElement)"))
