@@ -210,7 +210,7 @@ def _layer_shader(
     def shade_band(ids: NDArray[np.int32], begin: int, end: int) -> None:
         ids_address = address_of(ids[begin:], np.int32)
         shade_rows(mode, job_address, ids_address, 0, width, width, begin, end, target, output)
-        _ = keep  # the addresses in the job are valid as long as this function is
+        _ = job, keep  # their addresses are valid as long as this function is
 
     return lambda ids: for_bands(rasterizer, camera.height, partial(shade_band, ids))
 
