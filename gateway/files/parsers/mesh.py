@@ -76,8 +76,8 @@ def _make_visible(content: MeshData) -> None:
 def _read(read_file: ReadFile, data: bytes, extension: str, options: MeshOptions) -> MeshData:
     if extension == "vtk":
         content = MeshData()
-        positions, triangles = read_vtk(data, options.max_vertices, options.max_elements, content.warnings)
-        shape = shape_of(positions, triangles, content.warnings)
+        positions, triangles, colors = read_vtk(data, options.max_vertices, options.max_elements, content.warnings)
+        shape = shape_of(positions, triangles, content.warnings, colors=colors)
         if shape is not None:
             content.shapes, content.instances = [shape], [(0, _IDENTITY)]
         return content

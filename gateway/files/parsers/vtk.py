@@ -1,4 +1,4 @@
-"""Reads legacy VTK files (.vtk): surfaces of polygons, and boundaries of volumes.
+"""Reads legacy VTK files (.vtk): surfaces of polygons, boundaries of volumes, clouds of vertices, and their colours.
 
 Source: "VTK File Formats", section "Simple Legacy Formats". Versions 2 to 4 (CELLS as counts and indices) and version 5
 (OFFSETS and CONNECTIVITY) are read. Drake's hydroelastic meshes are UNSTRUCTURED_GRID files of tetrahedra.
@@ -34,10 +34,14 @@ _LINEAR: Final = {
     _PYRAMID: (27, 37),
 }
 """Quadratic types by the linear type with the same corners. Their points between the corners come after those."""
-_WITHOUT_SURFACE: Final = (0, 1, 2, 3, 4, 21, 35)
+_VERTICES: Final = (1, 2)
+"""Cell types that are points."""
+_WITHOUT_SURFACE: Final = (0, *_VERTICES, 3, 4, 21, 35)
 """Cell types that are points or lines."""
-_POLYGON_SECTIONS: Final = {b"polygons": _POLYGON, b"triangle_strips": _STRIP}
+_SECTIONS: Final = {b"vertices": 2, b"lines": 4, b"polygons": _POLYGON, b"triangle_strips": _STRIP}
 """Cell types by the keyword of a section of POLYDATA."""
+_COLORS: Final = re.compile(rb"(?im)^(?:(POINT|CELL)_DATA[ \t]+\d+|COLOR_SCALARS[ \t]+\S+[ \t]+([1-4]))[ \t\r]*$")
+"""Start of the attributes of points or cells, or of colours: grey or RGB, with or without opacity."""
 _TYPES: Final = {
     b"float": ">f4",
     b"double": ">f8",
@@ -123,15 +127,36 @@ class _Parser:
         self._position = end
         return np.frombuffer(self._data[begin:end], dtype).astype(np.float64)
 
+    def colors(self, of_cells: bool, points: int, cells: int) -> tuple[bool, NDArray[np.uint8]] | None:
+        """Return True for colours of the cells, and the first colours in the rest, (``points`` or ``cells``, 4).
+
+        ``of_cells``: the position is in the attributes of cells.
+        """
+        for found in _COLORS.finditer(self._data, self._position):
+            if found[2] is None:
+                of_cells = found[1].lower() == b"cell"
+                continue
+            self._position = found.end()
+            count, channels = cells if of_cells else points, int(found[2])
+            values = self.numbers(b"unsigned_char", channels * count).reshape(count, channels)
+            if not self._is_binary:
+                values = np.floor(255.0 * values + 0.5)  # as VTK rounds
+            rgb = values[:, :3] if channels > 2 else values[:, :1].repeat(3, axis=1)
+            alpha = values[:, -1:] if channels in (2, 4) else np.full((count, 1), 255.0)
+            return of_cells, np.clip(np.hstack((rgb, alpha)), 0.0, 255.0).astype(np.uint8)
+        return None
+
 
 @np.errstate(over="ignore", invalid="ignore")
 def read_vtk(
     data: bytes, max_vertices: int, max_triangles: int, warnings: list[str]
-) -> tuple[NDArray[np.float32], NDArray[np.int64]]:
-    """Return the positions, (N, 3) in the file's unit, and triangles, (M, 3), of the surface in a file.
+) -> tuple[NDArray[np.float32], NDArray[np.int64] | None, NDArray[np.uint8] | None]:
+    """Return positions, (N, 3) in the file's unit, triangles, (M, 3), and sRGB colours, (N, 4), of a surface.
 
-    Points and lines are left out, and cells of other types with a warning. ``max_triangles`` is the limit of cells,
-    too. Raises MeshFaultError if the file is damaged, not a legacy VTK file with points and cells, or beyond a limit.
+    Triangles are None for a file whose cells are all vertices: a cloud. Elsewhere vertices and lines are left out, and
+    cells of other types with a warning. Colours are None without COLOR_SCALARS; with those of cells, each triangle has
+    vertices of its own. ``max_triangles`` is the limit of cells, too. Raises MeshFaultError if the file is damaged, not
+    a legacy VTK file with points and cells, or beyond a limit.
     """
     parser = _Parser(data)
     positions: NDArray[np.float32] | None = None
@@ -142,11 +167,11 @@ def read_vtk(
         if word == b"points":
             count = parser.count(max_vertices)
             positions = parser.numbers(parser.word(), 3 * count).reshape(count, 3).astype(np.float32)
-        elif word == b"cells" or word in _POLYGON_SECTIONS:
+        elif word == b"cells" or word in _SECTIONS:
             points_of_section, sizes_of_section = _cells(parser, max_triangles)
             points.append(points_of_section)
             sizes.append(sizes_of_section)
-            types.append(np.full(len(sizes_of_section), _POLYGON_SECTIONS.get(word, _POLYGON)))
+            types.append(np.full(len(sizes_of_section), _SECTIONS.get(word, _POLYGON)))
         elif word == b"cell_types" and types:
             types[-1] = parser.numbers(b"int", parser.count(max_triangles)).astype(np.int64)
             break
@@ -155,11 +180,24 @@ def read_vtk(
     if positions is None or not any(map(len, sizes)):
         raise MeshFaultError("it has no points or no cells")
     cells = np.concatenate(points), np.concatenate(sizes), np.concatenate(types)
-    triangles = _triangles(*cells, max_triangles, warnings)
+    colors: tuple[bool, NDArray[np.uint8]] | None = None
+    try:
+        colors = parser.colors(word == b"cell_data", len(positions), len(cells[1]))
+    except MeshFaultError as error:
+        warnings.append(f"its colours are left out: {error}")
+    if np.isin(cells[2], _VERTICES).all():
+        return positions, None, None if colors is None or colors[0] else colors[1]
+    triangles, cell = np.split(_triangles(*cells, max_triangles, warnings), [3], axis=1)
     if triangles.size and not (triangles.min() >= 0 and triangles.max() < len(positions)):
         worst = int(triangles.min()) if triangles.min() < 0 else int(triangles.max())
         raise MeshFaultError(f"a cell refers to point {worst} of {len(positions)}")
-    return positions, triangles
+    if colors is None or not colors[0]:
+        return positions, triangles, None if colors is None else colors[1]
+    return (
+        positions[triangles.ravel()],
+        np.arange(triangles.size).reshape(-1, 3),
+        colors[1][cell[:, 0]].repeat(3, axis=0),
+    )
 
 
 def _cells(parser: _Parser, limit: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
@@ -189,7 +227,7 @@ def _cells(parser: _Parser, limit: int) -> tuple[NDArray[np.int64], NDArray[np.i
 def _triangles(
     points: NDArray[np.int64], sizes: NDArray[np.int64], types: NDArray[np.int64], limit: int, warnings: list[str]
 ) -> NDArray[np.int64]:
-    """Return the triangles of cells, (M, 3): polygons as fans, then strips, then the boundary of the volumes.
+    """Return the triangles of cells and the cell of each, (M, 4): polygons as fans, strips, the boundary of volumes.
 
     ``points``: those of all cells; ``sizes``, ``types``: number of points and type of each. A warning is added if cells
     are left out.
@@ -218,23 +256,32 @@ def _triangles(
     polygons = triangles_of_polygons(points, starts[is_polygon], sizes[is_polygon])
     ends = starts[is_strip] + sizes[is_strip]
     strips = [np.append(points[start:end], -1) for start, end in zip(starts[is_strip], ends, strict=True)]
+    flat = np.concatenate((polygons, triangles_of_strip(np.concatenate([[-1], *strips]))))
+    cells = np.concatenate([np.flatnonzero(of_kind).repeat(sizes[of_kind] - 2) for of_kind in (is_polygon, is_strip)])
+    volumes = {kind: np.flatnonzero(known & (types == kind)) for kind in _FACES}
     boundary = _boundary(
-        {kind: points[starts[known & (types == kind)][:, None] + np.arange(_CORNERS[kind])] for kind in _FACES}
+        {
+            kind: (points[starts[of_kind][:, None] + np.arange(_CORNERS[kind])], of_kind)
+            for kind, of_kind in volumes.items()
+        }
     )
-    found = np.concatenate((polygons, triangles_of_strip(np.concatenate([[-1], *strips])), boundary))
+    found = np.concatenate((np.column_stack((flat, cells)), boundary))
     if len(found) > limit:
         raise MeshFaultError(f"it has {len(found)} triangles, the limit is {limit}")
     return found
 
 
-def _boundary(volumes: dict[int, NDArray[np.int64]]) -> NDArray[np.int64]:
-    """Return the triangles, (M, 3), of faces that belong to only one volume; points of volumes are by cell type."""
+def _boundary(volumes: dict[int, tuple[NDArray[np.int64], NDArray[np.int64]]]) -> NDArray[np.int64]:
+    """Return the triangles of faces that belong to only one volume, and its cell, (M, 4).
+
+    ``volumes``: points and cells by cell type.
+    """
     faces = np.concatenate([
-        np.pad(corners[:, face], ((0, 0), (0, 4 - len(face))), constant_values=-1)
-        for kind, corners in volumes.items()
+        np.column_stack((np.pad(corners[:, face], ((0, 0), (0, 4 - len(face))), constant_values=-1), cells))
+        for kind, (corners, cells) in volumes.items()
         for face in _FACES[kind]
     ])  # fmt: skip
-    _, first, counts = np.unique(np.sort(faces, axis=1), axis=0, return_index=True, return_counts=True)
+    _, first, counts = np.unique(np.sort(faces[:, :4], axis=1), axis=0, return_index=True, return_counts=True)
     boundary = faces[np.sort(first[counts == 1])]
     quads = boundary[boundary[:, 3] >= 0]
-    return np.concatenate((boundary[:, :3], quads[:, [0, 2, 3]]))
+    return np.concatenate((boundary[:, [0, 1, 2, 4]], quads[:, [0, 2, 3, 4]]))

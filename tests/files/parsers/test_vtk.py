@@ -21,7 +21,9 @@ VERSION_5 = (
 
 
 def parse(text: str | bytes) -> tuple[np.ndarray, np.ndarray]:
-    return read_vtk(text if isinstance(text, bytes) else text.encode(), 1000, 1000, [])
+    positions, triangles, _ = read_vtk(text if isinstance(text, bytes) else text.encode(), 1000, 1000, [])
+    assert triangles is not None
+    return positions, triangles
 
 
 def binary() -> bytes:
@@ -176,6 +178,57 @@ def test_cut_off_and_changed_bytes_never_raise_others() -> None:
                     parse(damaged)
                 except MeshFaultError:
                     pass
+
+
+SHADES = [[255, 0, 0, 255], [0, 128, 0, 255], [10, 20, 30, 255], [1, 2, 3, 255], [4, 5, 6, 255]]
+
+
+FLAT = (
+    f"{HEAD.replace('UNSTRUCTURED_GRID', 'POLYDATA')}{POINTS}VERTICES 1 2\n1 0\n"
+    "POLYGONS 1 5\n4 0 1 4 2\nTRIANGLE_STRIPS 1 5\n4 0 1 2 3\n"
+)
+"""A vertex, a polygon and a strip, in this order."""
+OF_POINTS = "POINT_DATA 5\nSCALARS other float\nLOOKUP_TABLE default\n0 0 0 0 0\n"
+
+
+@pytest.mark.parametrize(
+    ("text", "counts"), [(TWO_TETRAHEDRA + OF_POINTS, (3, 3)), (TWO_TETRAHEDRA, (3, 3)), (FLAT + OF_POINTS, (0, 2, 2))]
+)
+def test_colors_of_cells(text: str, counts: tuple[int, ...]) -> None:
+    values = np.array(SHADES[: len(counts)])[:, :3]
+    rows = " ".join(f"{channel / 255:.6f}" for channel in values.ravel())
+    data = f"{text}CELL_DATA {len(counts)}\nCOLOR_SCALARS rgb 3\n{rows}\n".encode()
+    positions, triangles, colors = read_vtk(data, 1000, 1000, [])
+    assert triangles is not None
+    assert colors is not None
+    assert len(positions) == len(colors) == 3 * len(triangles)
+    assert [int((colors[:, :3] == each).all(axis=1).sum()) for each in values] == [3 * count for count in counts]
+    assert (colors[:, 3] == 255).all()
+
+
+def test_binary_gray_with_opacity() -> None:
+    data = binary() + b"\nCELL_DATA 1\nCOLOR_SCALARS rgb 2\n\x07\x09"
+    _, _, colors = read_vtk(data, 1000, 1000, [])
+    assert colors is not None
+    assert np.unique(colors, axis=0).tolist() == [[7, 7, 7, 9]]
+
+
+def test_a_cloud_of_vertices_has_its_colors() -> None:
+    rows = " ".join(f"{channel / 255:.4f}" for shade in SHADES for channel in shade)
+    text = f"{HEAD.replace('UNSTRUCTURED_GRID', 'POLYDATA')}{POINTS}VERTICES 5 10\n{'1 0 ' * 5}\nPOINT_DATA 5\n"
+    positions, triangles, colors = read_vtk(f"{text}COLOR_SCALARS rgba 4\n{rows}\n".encode(), 1000, 1000, [])
+    assert triangles is None
+    assert positions.shape == (5, 3)
+    assert colors is not None
+    assert colors.tolist() == SHADES
+
+
+def test_colors_that_are_cut_off_are_a_warning() -> None:
+    warnings: list[str] = []
+    _, triangles, colors = read_vtk(f"{TWO_TETRAHEDRA}CELL_DATA 2\nCOLOR_SCALARS c 3\n1 0\n".encode(), 9, 9, warnings)
+    assert triangles is not None
+    assert colors is None
+    assert "colours" in warnings[0]
 
 
 def test_as_a_mesh_file(tmp_path: Path) -> None:
