@@ -140,7 +140,10 @@ class RenderOptions:
     ] = None
     up: Annotated[
         Literal["auto", "y", "z"],
-        Option(help="Up axis of glTF files; auto: z for files that Drake merged, else y."),
+        Option(
+            help="Up axis of glTF and mesh files; auto: of glTF y, or z for files that Drake merged; of COLLADA as the "
+            "file says; of others z."
+        ),
     ] = "auto"
     scale: Annotated[
         float,

@@ -212,8 +212,10 @@ def test_a_robot_gets_a_path_for_each_link(tmp_path: Path) -> None:
         result = scenegate("publish", str(robot), "--scale", "0.001", "--lcm-url", hub)
         assert (result.exit_code, "--scale is for mesh files" in result.stderr) == (1, True), result.stderr
         triangle = write(tmp_path, TRIANGLE, "mm.obj")
-        result = scenegate("publish", str(triangle), "--scale", "0.001", "--up", "z", "--lcm-url", hub)
-        assert "set: mm" in result.stdout, result.stderr
+        result = scenegate("publish", str(triangle), "--scale", "0.001", "--up", "y", "--lcm-url", hub)
+        assert "set: mm\nmoved: mm" in result.stdout, result.stderr
+        result = scenegate("publish", str(robot), "--up", "z", "--lcm-url", hub)
+        assert (result.exit_code, "--up is for mesh files" in result.stderr) == (1, True), result.stderr
     mesh = write(tmp_path, TRIANGLE, "m.obj")
     assert (
         "--collision and --reload are for robot files (.urdf, .sdf, .world, .xml, .mjcf, .xacro)"

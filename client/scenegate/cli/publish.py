@@ -25,6 +25,8 @@ from scenegate.tree.published_robot import PublishedRobot
 from scenegate.tree.viewer import TreeViewer
 from scenegate.warning_text import NOTHING_DRAWN, NOTHING_OF_ROBOT, joined_warnings, strict_refusal
 
+Y_UP: Final = {"translation": [0.0, 0.0, 0.0], "quaternion": [0.5**0.5, 0.5**0.5, 0.0, 0.0]}
+"""Transform of a mesh file with Y up."""
 RELOAD_SECONDS: Final = 0.5
 """Interval at which ``--reload`` checks the files of a robot for changes."""
 
@@ -38,7 +40,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     add("source", metavar="SCENE.json|MESH|ROBOT", type=existing_file, help=help_text)
     add("--path", default="", help="path in the tree: robot/base")
-    add("--up", choices=("auto", "z"), default="auto", help="z: coordinates of a mesh file are Z up (default: auto)")
+    help_text = "up axis of a mesh file; auto: as its format and content say (default: auto)"
+    add("--up", choices=("auto", "y", "z"), default="auto", help=help_text)
     help_text = "factor of all lengths of a mesh file: 0.001 for millimetres (default: 1)"
     add("--scale", type=at_least(1e-9), default=1.0, metavar="FACTOR", help=help_text)
     help_text = "refuse a file of which something cannot be drawn, instead of a warning"
@@ -83,12 +86,16 @@ def run(options: argparse.Namespace) -> None:
             raise ValueError(f"{source}: --reload needs a file, not a pipe")
         if options.scale != 1.0:
             raise ValueError(f"{source}: --scale is for mesh files, a robot file has a scale for each mesh")
+        if options.up != "auto":
+            raise ValueError(f"{source}: --up is for mesh files; --robot-gltf-up is for a robot's glTF meshes")
         _publish_robot(options, path_of(options.path) or ("robot" if piped else source.stem,))
         return
     if any((options.joint, options.root, options.xacro_arg, options.keyframe, options.collision, options.reload)):
         flags = "--joint, --root, --xacro-arg, --keyframe, --collision and --reload"
         raise ValueError(f"{source}: {flags} are for robot files ({', '.join(SUFFIXES)})")
     if source.suffix.lower() == ".json":
+        if options.up != "auto" or options.scale != 1.0:
+            raise ValueError(f"{source}: --up and --scale are for mesh files")
         changes = Changes()
         _read_request(source, path_of(options.path), changes)
         with TreeViewer(options.lcm_url, options.timeout) as viewer:
@@ -135,10 +142,10 @@ def _publish_robot(options: argparse.Namespace, top: NodePath) -> None:
 def _publish_mesh(options: argparse.Namespace, top: NodePath) -> None:
     """Publish a mesh file at a path; remove it again if nothing of it is drawn, or ``--strict`` refuses it."""
     source: Path = options.source
-    mesh = MeshFile.read(source, scale=options.scale, up="z" if options.up == "z" else None)
+    mesh = MeshFile.read(source, scale=options.scale, up=None if options.up == "auto" else "z")
     changes = Changes()
     changes.delete(top)
-    changes.set_entry(top, Entry([mesh.body()]))
+    changes.set_entry(top, Entry([mesh.body()], Y_UP if options.up == "y" else None))
     with TreeViewer(options.lcm_url, options.timeout) as viewer:
         answer = viewer.send(changes)
         failed = joined_warnings([warning for warning in answer.warnings if warning.endswith(NOTHING_DRAWN)])

@@ -71,7 +71,7 @@ class Settings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     look: str
     """Shading of colour images: a ``renderers.interface.LookName``, or ``auto`` for a choice by the scene."""
     up: str
-    """Up axis of glTF files: ``y``, ``z`` or ``auto``."""
+    """Up axis of glTF and mesh files: ``y``, ``z`` or ``auto``."""
     antialias: str
     """Smoothing of colour images with one sample per pixel: ``fxaa`` or ``none``."""
     depth_format: str

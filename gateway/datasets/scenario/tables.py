@@ -69,7 +69,7 @@ class Model(Table, frozen=True):
     """Number of objects; the model of each is drawn among the files."""
     scale: Range[Factor] = 1.0
     up: Literal["auto", "y", "z"] = "auto"
-    """Up axis of glTF files."""
+    """Up axis of glTF and mesh files."""
     roots: tuple[str, ...] = ()
     """Folders with the packages of robot files."""
     xacro_args: dict[str, str | float | bool] = {}

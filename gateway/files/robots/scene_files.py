@@ -1,6 +1,6 @@
 """Reads scene files that the operator names: glTF, meshes and robots, by the suffix of the file's name."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Final
 
@@ -10,6 +10,7 @@ from gateway.files.gltf import AnimationTime, GltfError, Up
 from gateway.files.robots.gltf_up import RobotGltfUp
 from gateway.files.robots.reader import read_robot
 from gateway.scene.tree.nodes import Node
+from gateway.scene.tree.transforms import IDENTITY, Y_UP_TO_Z_UP
 from scenegate.regular_files import MAX_BYTES, errors_as, is_pipe
 from scenegate.robots.joint_text import parse_joints
 from scenegate.robots.robot_errors import RobotFileError
@@ -32,10 +33,10 @@ FOLDER_SUFFIXES: Final = tuple(suffix for suffix in SCENE_SUFFIXES if suffix not
 
 @dataclass(frozen=True, slots=True)
 class SceneOptions:
-    """Options for reading a scene file. Those for another kind of file have no effect."""
+    """Options for reading a scene file. Those for another kind of file have no effect; a note says so."""
 
     up: Up = "auto"
-    """Up axis of a glTF file, see ``read_scene_file``."""
+    """Up axis of a glTF or mesh file; ``auto``: see ``read_scene_file`` and ``parse_mesh``."""
     scale: float = 1.0
     """Factor of all lengths: 0.001 for a file in millimetres."""
     joints: tuple[str, ...] = ()
@@ -57,6 +58,14 @@ class SceneOptions:
 
 
 DEFAULT_OPTIONS: Final = SceneOptions()
+_FLAGS: Final = {"up": "--up", "variant": "--variant"}
+_ROBOT_FLAGS: Final = {
+    "joints": "--joint",
+    "xacro_args": "--xacro-arg",
+    "keyframe": "--keyframe",
+    "robot_gltf_up": "--robot-gltf-up",
+}
+"""Flags by the names of options that have no effect on robots, and on other files; ``roots`` are for all of serve."""
 
 
 def read_scene(path: Path, options: SceneOptions = DEFAULT_OPTIONS) -> SceneFile:
@@ -64,21 +73,24 @@ def read_scene(path: Path, options: SceneOptions = DEFAULT_OPTIONS) -> SceneFile
 
     Raises SceneFileError, with the file's name, also for a warning if ``options.strict`` is true.
     """
-    scene = _read_by_suffix(path, options)
+    suffix = path.suffix.lower()
+    if suffix in GLTF_SUFFIXES:
+        scene = read_scene_file(path, up=options.up, variant=options.variant or None, animation=options.animation)
+        unused = _ROBOT_FLAGS
+    elif suffix in ROBOT_SUFFIXES or (not suffix and is_pipe(path)):
+        scene = _read_robot(path, options)
+        unused = _FLAGS
+    elif suffix in SCENE_SUFFIXES:
+        scene = _read_mesh(path, suffix, options.up)
+        unused = {**_ROBOT_FLAGS, "variant": "--variant"}
+    else:
+        raise SceneFileError(f"{path}: its suffix is not one of {', '.join(SCENE_SUFFIXES)}")
+    flags = [flag for name, flag in unused.items() if getattr(options, name) != getattr(DEFAULT_OPTIONS, name)]
+    notes = [f"{flag} has no effect on a file of this kind" for flag in flags]
+    scene = replace(scene, notes=(*scene.notes, *notes))
     if options.strict and (refusal := strict_refusal(scene.warnings)):
         raise SceneFileError(f"{path}: {refusal}")
     return scaled(scene, options.scale)
-
-
-def _read_by_suffix(path: Path, options: SceneOptions) -> SceneFile:
-    suffix = path.suffix.lower()
-    if suffix in GLTF_SUFFIXES:
-        return read_scene_file(path, up=options.up, variant=options.variant or None, animation=options.animation)
-    if suffix in ROBOT_SUFFIXES or (not suffix and is_pipe(path)):
-        return _read_robot(path, options)
-    if suffix in SCENE_SUFFIXES:
-        return _read_mesh(path, suffix)
-    raise SceneFileError(f"{path}: its suffix is not one of {', '.join(SCENE_SUFFIXES)}")
 
 
 def _read_robot(path: Path, options: SceneOptions) -> SceneFile:
@@ -101,12 +113,19 @@ def _read_robot(path: Path, options: SceneOptions) -> SceneFile:
     return SceneFile(root, warnings=warnings, notes=robot.notes, digests=robot.digests)
 
 
-def _read_mesh(path: Path, suffix: str) -> SceneFile:
+def _read_mesh(path: Path, suffix: str, up: Up) -> SceneFile:
     """Read a mesh file, which may refer to files in any folder, as in a robot file."""
     files, mesh = RobotFiles(path, (), _MESH_FILE_LIMITS), path.resolve()
     warnings: list[str] = []
     with errors_as(SceneFileError, path, MeshFormatError, GltfError, RobotFileError):
         data = files.read(mesh)
-        parts = parse_mesh(data, suffix[1:], lambda name: files.read_beside(mesh, name), MESH_LIMITS, warnings)
-    root = Node(None, children={path.stem: Node(parts)})
+        parts = parse_mesh(
+            data,
+            suffix[1:],
+            lambda name: files.read_beside(mesh, name),
+            MESH_LIMITS,
+            warnings,
+            collada_up_axis=up == "auto",
+        )
+    root = Node(None, Y_UP_TO_Z_UP if up == "y" else IDENTITY, {path.stem: Node(parts)})
     return SceneFile(root, warnings=tuple(warnings), digests=files.digests)

@@ -74,8 +74,8 @@ class InterfaceSettings(BaseSettings):
     )
     up: Literal["auto", "y", "z"] = render(
         "auto",
-        "Up axis of glTF files of --backdrop and --stereo-scene; 'auto': Z if Drake's render client merged the file, "
-        "else Y.",
+        "Up axis of glTF and mesh files of --backdrop and --stereo-scene; 'auto': of glTF Y, or Z if Drake's render "
+        "client merged the file; of COLLADA as the file says; of others Z.",
     )
     scale: float = render(
         1.0,

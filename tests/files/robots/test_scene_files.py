@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from gateway.files.assets.scene_file import SceneFileError
+from gateway.files.gltf import Up
 from gateway.files.robots.reader import read_robot
 from gateway.files.robots.scene_files import SceneOptions, read_scene
 from gateway.scene.draw.flatten import flatten
@@ -89,6 +90,29 @@ def test_gltf_files_have_an_up_axis(tmp_path: Path) -> None:
     path = write(tmp_path, json.dumps(forms.gltf(generator="other")), "s.gltf")
     assert not np.array_equal(read_scene(path).root.matrix, np.eye(4))
     assert np.array_equal(read_scene(path, SceneOptions(up="z")).root.matrix, np.eye(4))
+
+
+@pytest.mark.parametrize("up", ["auto", "y", "z"])
+def test_mesh_files_have_an_up_axis(tmp_path: Path, up: Up) -> None:
+    scene = read_scene(write(tmp_path, "v 0 0 0\nv 1 0 0\nv 0 3 0\nf 1 2 3\n", "m.obj"), SceneOptions(up=up))
+    bounds = scene_bounds(flatten(scene.root))
+    assert bounds is not None
+    assert np.ptp(bounds, axis=0).tolist() == ([1, 0, 3] if up == "y" else [1, 3, 0])
+
+
+def test_options_for_another_kind_of_file_are_noted(tmp_path: Path) -> None:
+    options = SceneOptions("z", joints=("a=1",), xacro_args=("a:=1",), variant="red", keyframe="home")
+    gltf = write(tmp_path, json.dumps(forms.gltf(generator="other")), "s.gltf")
+    mesh = write(tmp_path, TRIANGLE, "m.obj")
+    robot = write(tmp_path, ARM)
+    for path, flags in (
+        (gltf, {"--joint", "--xacro-arg", "--keyframe"}),
+        (mesh, {"--joint", "--xacro-arg", "--keyframe", "--variant"}),
+        (robot, {"--up", "--variant"}),
+    ):
+        its = options if path is not robot else SceneOptions("z", variant="red")
+        assert {note.split()[0] for note in read_scene(path, its).notes if "no effect" in note} == flags
+        assert not any("no effect" in note for note in read_scene(path).notes)
 
 
 def test_all_lengths_of_a_file_are_scaled(tmp_path: Path) -> None:
