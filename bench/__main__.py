@@ -12,18 +12,16 @@ import argparse
 import json
 import os
 import platform
-import re
 import signal
 import subprocess
 import sys
 import time
-from collections.abc import Callable
 from dataclasses import dataclass
 from importlib.metadata import version
 from pathlib import Path
 
 from bench.running import run
-from bench.table import HEAD, Row, at_least, skipped
+from bench.table import HEAD, Row, skipped
 
 PLOT = "docs/images/memory.svg"
 LIMIT = 900.0
@@ -55,14 +53,13 @@ print(json.dumps(found))
 
 @dataclass(frozen=True, slots=True)
 class Bench:
-    """A bench: its command-line arguments, and a parser for results that it prints outside its table."""
+    """A bench: its command-line arguments."""
 
     arguments: tuple[str, ...] = ()
     quick: tuple[str, ...] = ()
     """Arguments that shorten the run to a smoke test; its figures are poor."""
     peers: tuple[str, ...] = ()
     """Packages that the interpreter of ``--peers`` needs."""
-    rows: Callable[[str], list[Row]] = lambda _: []
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,24 +70,6 @@ class Result:
     command: str
     rows: list[Row]
     details: str
-
-
-def tree_rows(text: str) -> list[Row]:
-    """Parse lines such as ``ratio meshcat / ours, udp, 1 transform: 31.2``."""
-    found = re.findall(r"ratio (.+?) / ([^:]+): ([\d.]+)$", text, re.MULTILINE)
-    return [Row(f"tree viewer, {what}", "", peer, f"{ratio}×") for peer, what, ratio in found]
-
-
-def viewer_rows(text: str) -> list[Row]:
-    """Parse lines such as ``ours against viser: 2.1 x the rate, 12 x less CPU per update``."""
-    rows, clients = [], "1"
-    for line in text.splitlines():
-        if found := re.match(r"ours +(\d+) clients", line):
-            clients = found[1]
-        if found := re.search(r"ours against (\w+): ([\d.]+) x the rate, (\d+) x less CPU", line):
-            what = f"browser view, 1000 moving nodes, {clients} clients: CPU per update ({found[2]}× the rate)"
-            rows.append(at_least(what, "", found[1], float(found[3]), 1.0))
-    return rows
 
 
 BENCHES = {
@@ -105,9 +84,9 @@ BENCHES = {
         quick=("--starts", "1", "--scenes", "100", "--plot", os.devnull),
     ),
     "stream": Bench(quick=("--seconds", "1", "--qualities", "High", "--clients", "1")),
-    "treeviewer": Bench(("--seconds", "1"), peers=("viser", "meshcat"), rows=tree_rows),
+    "treeviewer": Bench(("--seconds", "1"), peers=("viser", "meshcat")),
     "treeviewer_binary": Bench(("--seconds", "2"), peers=("meshcat",)),
-    "viewer": Bench(("--clients", "1,10", "--seconds", "4"), peers=("viser", "meshcat"), rows=viewer_rows),
+    "viewer": Bench(("--clients", "1,10", "--seconds", "4"), peers=("viser", "meshcat")),
 }
 
 
@@ -151,7 +130,7 @@ def measured(name: str, python: str | None, found: dict[str, str], reason: str, 
     print(f"$ {shown}", flush=True)
     ran = run(command, LIMIT)
     before, _, _ = ran.output.partition(HEAD)
-    rows = rows_in(ran.output) + bench.rows(ran.output)
+    rows = rows_in(ran.output)
     if missing:
         why = reason or f"the interpreter of --peers has no {', '.join(missing)}"
         rows.append(skipped(f"{name} against {', '.join(bench.peers)}", why))

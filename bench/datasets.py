@@ -1,6 +1,6 @@
 """Samples per second of ``scenegate render`` beside pyrender: scenes of ten textured objects, 640x480.
 
-    python -m bench.datasets [--samples 1000] [--peer PYTHON]
+    python -m bench.datasets [--samples 1000] [--peers PYTHON]
 
 PYTHON is an interpreter with pyrender, Pillow and OpenCV. Ours writes colour, depth, instances and normals with poses,
 boxes and visible fractions of all objects. pyrender draws colour, depth and a segmentation of the same views, without
@@ -23,7 +23,7 @@ import numpy as np
 import trimesh as typed_trimesh
 from PIL import Image
 
-from bench.table import heading
+from bench.table import Row, show
 from gateway.runtime.workers.scheduling import usable_cpus
 
 trimesh: Any = typed_trimesh  # typed in parts
@@ -71,7 +71,7 @@ def timed(commands: list[list[str]], **environment: str) -> float:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--samples", type=int, default=1000)
-    parser.add_argument("--peer", metavar="PYTHON", help="interpreter with pyrender")
+    parser.add_argument("--peers", metavar="PYTHON", help="interpreter with pyrender")
     options = parser.parse_args()
     views, cores = max(options.samples // SCENES, 1), usable_cpus()
     samples = views * SCENES
@@ -83,14 +83,13 @@ def main() -> None:
         command = [sys.executable, "-m", "scenegate", "render", str(folder / "scenes"), "--orbit", str(views)]
         command += ["--type", "color,depth,instance,normal"]
         rates = {
-            f"ours, look {look}": samples / timed([[*command, "-o", str(folder / look), "--look", look]])
-            for look in ("studio", "gltf")
+            look: samples / timed([[*command, "-o", str(folder / look), "--look", look]]) for look in ("studio", "gltf")
         }
-        if options.peer:
+        if options.peers:
             manifest = str(folder / "studio" / "manifest.jsonl")
             shares = [
                 [
-                    options.peer,
+                    options.peers,
                     str(PEER),
                     str(folder / "scenes"),
                     manifest,
@@ -101,10 +100,9 @@ def main() -> None:
                 for k in range(cores)
             ]
             rates["pyrender"] = samples / timed(shares, PYOPENGL_PLATFORM="egl", LP_NUM_THREADS="1")
-        print(f"{samples} samples of {SCENES} scenes, {cores} cores, load {os.getloadavg()[0]:.1f}\n")
-        print(heading("what", "samples/s"))
-        for what, rate in rates.items():
-            print(f"| {what} | {rate:.1f} |")
+        print(f"{samples} samples of {SCENES} scenes, {cores} cores, load {os.getloadavg()[0]:.1f}")
+        theirs = f"pyrender {1e3 / rates['pyrender']:.0f} ms" if options.peers else ""
+        show(Row(f"sample of a dataset, {what}", f"{1e3 / rates[what]:.0f} ms", theirs) for what in ("studio", "gltf"))
 
 
 if __name__ == "__main__":

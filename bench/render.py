@@ -1,4 +1,4 @@
-"""``/render`` against VTK behind HTTP: recorded scenes with other poses in every request, in one run, interleaved.
+"""``/render`` against VTK behind HTTP: scenes with other poses in every request, in one run, interleaved.
 
     python -m venv .venv-vtk && .venv-vtk/bin/pip install vtk
     python -m bench.render --peers .venv-vtk/bin/python [--full] [--frames 20]
@@ -106,9 +106,7 @@ def differing(ours: bytes, theirs: bytes) -> float:
     return float((a != b).any(axis=2).mean())
 
 
-def compare(
-    ours: Server, vtk: Server | None, folder: Path, sizes: tuple[tuple[int, int], ...], frames: int
-) -> list[Row]:
+def compare(ours: Server, vtk: Server | None, sizes: tuple[tuple[int, int], ...], frames: int) -> list[Row]:
     """Every scene, size and type."""
     servers = [server for server in (ours, vtk) if server is not None]
     first: dict[str, list[tuple[float, float]]] = {}
@@ -117,10 +115,9 @@ def compare(
     names = " / ".join(("ours", "VTK")[: len(servers)])
     print(f"| ms ({names}) | to first byte | ratio | CPU | over HTTP | ratio | stages of ours | stages of VTK |")
     print("|---|---|---|---|---|---|---|---|")
-    for number in SCENES:
-        for width, height in sizes:
-            for kind in render_requests.KINDS:
-                scene = render_requests.recorded(folder, number, kind)
+    for kind in render_requests.KINDS:
+        for scene in render_requests.scenes(kind, SCENES):
+            for width, height in sizes:
                 answers = []
                 for frame in range(2 * (frames + WARM)):
                     if frame == 2 * WARM:
@@ -147,7 +144,7 @@ def compare(
         return [skipped("`/render` against VTK", "no --peers")]
     rows = []
     for kind in render_requests.KINDS:
-        what = f"`/render` {kind}, 640×480, last byte in to first byte out: geometric mean of {len(SCENES)} scenes"
+        what = f"`/render` {kind}, 640×480, last byte in to first byte out: geometric mean of {len(first[kind])} scenes"
         by_cpu = f"; by CPU time {geometric_mean(work[kind]):.1f}×"
         rows.append(_against_vtk(what, first[kind], FIRST_BYTE_GOALS[kind], by_cpu))
     for kind in render_requests.KINDS:
@@ -217,13 +214,12 @@ TURNS_HEAD = (
 )
 
 
-def four_clients(ours: Server, vtk: Server | None, folder: Path, frames: int) -> list[Row]:
+def four_clients(ours: Server, vtk: Server | None, frames: int) -> list[Row]:
     """Four clients' throughput against one's, in turns."""
     print(f"\n| requests/s, 640×480 | {TURNS_HEAD} VTK, one | four |\n|{'---|' * 16}")
     found: list[Turns] = []
-    for number in ("001", "010"):
-        for kind in render_requests.KINDS:
-            scene = render_requests.recorded(folder, number, kind)
+    for kind in render_requests.KINDS:
+        for scene in render_requests.scenes(kind, ("001", "010")):
             found.append(Turns.of(ours.port, ours.pid, scene, 2 * frames))
             theirs = ["", ""]
             if vtk is not None:
@@ -295,10 +291,6 @@ def main() -> None:
     parser.add_argument("--frames", type=int, default=20)
     parser.add_argument("--only", default="compare,clients,big", help="parts, with commas between")
     options = parser.parse_args()
-    folder = render_requests.corpus()
-    if folder is None:
-        show([skipped("`/render`", "SCENEGATE_CORPUS names no recorded requests")])
-        return
     rows: list[Row] = []
     with gateway("--only", "render") as running:
         parts = options.only.split(",")
@@ -308,17 +300,17 @@ def main() -> None:
                 vtk = stack.enter_context(vtk_server(options.peers)) if options.peers else None
             except (OSError, PeerError) as error:
                 rows.append(skipped("VTK", str(error)))
-            rows += measure(parts, running, vtk, folder, options.full, options.frames)
+            rows += measure(parts, running, vtk, options.full, options.frames)
     show(rows)
 
 
-def measure(parts: list[str], running: Gateway, vtk: Server | None, folder: Path, full: bool, frames: int) -> list[Row]:
+def measure(parts: list[str], running: Gateway, vtk: Server | None, full: bool, frames: int) -> list[Row]:
     """The parts of the bench that were asked for."""
     ours = Server(running.port, running.process.pid)
     sizes = SIZES if full else ((640, 480),)
     all_parts: dict[str, Callable[[], list[Row]]] = {
-        "compare": lambda: compare(ours, vtk, folder, sizes, frames),
-        "clients": lambda: four_clients(ours, vtk, folder, frames),
+        "compare": lambda: compare(ours, vtk, sizes, frames),
+        "clients": lambda: four_clients(ours, vtk, frames),
         "big": lambda: big(vtk, frames),
     }
     return [row for part in parts for row in all_parts[part]()]

@@ -8,7 +8,7 @@ import hashlib
 import json
 import math
 import os
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -110,6 +110,14 @@ def recorded(folder: Path, number: str, kind: str) -> RenderScene:
     return RenderScene.of_document(request.parent.name, fields, document)
 
 
+def scenes(kind: str, numbers: Iterable[str]) -> list[RenderScene]:
+    """Return recorded scenes, see ``recorded``; one of ten spheres of 2,000 triangles if there are none."""
+    folder = corpus()
+    if folder is None:
+        return [textured(kind, side=256, rows=32)]
+    return [recorded(folder, number, kind) for number in numbers]
+
+
 def fields_for(kind: str, near: float = 0.01, far: float = 10.0) -> dict[str, str]:
     """Return the form fields of a request for an image of 640 x 480 pixels. The planes are in metres."""
     numbers = {"far": far, "focal_x": 579.411255, "focal_y": 579.411255, "near": near}
@@ -142,14 +150,15 @@ def sphere(columns: int, rows: int) -> tuple[Array, Array, Array, Array]:
     return (0.5 * normals).astype(f32), normals.astype(f32), uv.astype(f32), triangles.astype(np.uint32)
 
 
-def textured(kind: str, copies: int = 10, unique: int = 3, side: int = 4096) -> RenderScene:
-    """Return a scene of spheres with 20,000 triangles and a texture each; 25 MB by default.
+def textured(kind: str, copies: int = 10, unique: int = 3, side: int = 4096, rows: int = 100) -> RenderScene:
+    """Return a scene of spheres with a texture and twice ``rows`` squared triangles each; 25 MB by default.
 
     Args:
         kind: image type.
         copies: number of spheres. Each has its own mesh and texture in the document, as Drake's client sends them.
         unique: number of different meshes and textures.
         side: width and height of the textures, pixels.
+        rows: rows and columns of quads of each sphere.
     """
     rng = np.random.default_rng(7)
     names = ("accessors", "bufferViews", "buffers", "images", "materials", "meshes", "nodes", "textures")
@@ -166,7 +175,7 @@ def textured(kind: str, copies: int = 10, unique: int = 3, side: int = 4096) -> 
         texture = cv2.resize(noise, (side, side), interpolation=cv2.INTER_CUBIC)
         encoded = cv2.imencode(".jpg", texture, (cv2.IMWRITE_JPEG_QUALITY, 64))[1]
         textures.append("data:image/jpeg;base64," + base64.b64encode(encoded.tobytes()).decode())
-    meshes = [sphere(100 + index, 100) for index in range(unique)]
+    meshes = [sphere(rows + index, rows) for index in range(unique)]
     for number in range(copies):
         positions, normals, uv, triangles = meshes[number % unique]
         attributes = {
@@ -186,4 +195,4 @@ def textured(kind: str, copies: int = 10, unique: int = 3, side: int = 4096) -> 
         document["nodes"].append({"mesh": number, "name": f"ball{number}", "matrix": matrix})
     document["nodes"].append({"camera": 0, "name": "Camera Node", "matrix": [*np.eye(4).ravel()]})
     document["scenes"].append({"nodes": list(range(copies + 1))})
-    return RenderScene.of_document("25 MB", fields_for(kind), document)
+    return RenderScene.of_document("25 MB" if rows == 100 else f"{copies} textured spheres", fields_for(kind), document)

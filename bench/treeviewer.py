@@ -6,9 +6,9 @@ Ours runs as the service that the gateway runs, in a process of its own, over UD
 floor is the least that any viewer of this protocol could do: a loop of liblcm, the fastest JSON reader at hand (orjson
 if it is installed) and a dict, over UDP. An echo by liblcm shows how long a small message takes while another client's
 big one arrives, without any viewer. PYTHON is an interpreter with meshcat, viser or pydrake; see
-``bench/treeviewer_peers.py`` for what is measured there. Every figure is a median (p99 after the slash) in ms; the last
-lines are ratios. S bounds each job; the whole takes about 30 S. With ``--latency`` only the small message beside big
-ones is measured. Binary messages are ``bench.treeviewer_binary``'s.
+``bench/treeviewer_peers.py`` for what is measured there. Every figure is a median (p99 after the slash) in ms. S bounds
+each job; the whole takes about 30 S. With ``--latency`` only the small message beside big ones is measured. Binary
+messages are ``bench.treeviewer_binary``'s.
 """
 
 from __future__ import annotations
@@ -20,6 +20,7 @@ import random
 import subprocess
 import time
 
+from bench.table import Row, show
 from bench.treeviewer_clients import Client, Figures, measure, percentile, process, started
 from bench.treeviewer_requests import JOBS, transforms
 from bench.treeviewer_servers import json_reader
@@ -126,12 +127,15 @@ def report(table: list[Figures], peers: list[Figures], lines: list[str]) -> None
         print(f"{job:<20}" + "".join(f"{figures.cell(job):>21}" for figures in (*table, *peers)))
     print(*lines, sep="\n")
     ours, _, plain, inside = table
+    rows = []
     for job in JOBS:
-        print(f"ratio {plain.name.partition(',')[0]} / ours, {job}: {plain.median(job) / ours.median(job):.2f}")
-        for peer in peers:
-            if peer.jobs.get(job):
-                same = ours if peer.name == "meshcat" else inside  # meshcat's server is another process, as ours is
-                print(f"ratio {peer.name} / {same.name}, {job}: {peer.median(job) / same.median(job):.2f}")
+        for peer in (plain, *(peer for peer in peers if peer.jobs.get(job))):
+            # viser's server is in the client's process
+            same = inside if peer.name == "viser" else ours
+            ours_ms, peer_ms = same.median(job), peer.median(job)
+            what, theirs = f"tree viewer, {same.name}: {job}", f"{peer.name} {peer_ms:.3g} ms"
+            rows.append(Row(what, f"{ours_ms:.3g} ms", theirs, f"{peer_ms / ours_ms:.2f}×"))
+    show(rows)
 
 
 def main() -> None:

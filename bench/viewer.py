@@ -22,6 +22,7 @@ from pathlib import Path
 from typing import Any
 
 from bench.running import end, tree_of
+from bench.table import Row, at_least, show, skipped
 
 HERE = Path(__file__).parent
 
@@ -117,6 +118,7 @@ def main() -> None:
     programs = [("ours", sys.executable)]
     if options.peers:
         programs += [("viser", options.peers), ("meshcat", options.peers)]
+    rows: list[Row] = []
     for clients in map(int, options.clients.split(",")):
         results = []
         for program, python in programs:
@@ -125,16 +127,17 @@ def main() -> None:
             except SystemExit as error:
                 if program == "ours":
                     raise
-                print(f"{program}: {error}")
+                rows.append(skipped(f"1000 moving nodes in a page: {program}", str(error)))
                 continue
             print(results[-1].line(), flush=True)
         first = results[0]
+        what = f"1000 moving nodes in a page, {clients} clients"
         for other in results[1:]:
-            rate = first.slowest / max(other.slowest, 1e-9)
-            work = (other.cores / max(other.slowest, 1e-9)) / (first.cores / max(first.slowest, 1e-9))
-            reached = f"{rate:.1f} x the rate" if other.slowest > 0 else "the other delivered nothing"
-            cheaper = f", {work:.0f} x less CPU per update" if other.slowest > 0 else ""
-            print(f"         ours against {other.program}: {reached}{cheaper}", flush=True)
+            rows.append(Row(f"{what}: moved", f"{first.moved:.0f} Hz", f"{other.program} {other.moved:.0f} Hz"))
+            if other.slowest > 0:
+                work = (other.cores / other.slowest) / (first.cores / max(first.slowest, 1e-9))
+                rows.append(at_least(f"{what}: CPU per update", "", other.program, work, 1.0))
+    show(rows)
 
 
 if __name__ == "__main__":

@@ -4,7 +4,8 @@ from tools.pictures.performance_plot import PAGE, PLOT, plot, times_of
 
 
 def test_reads_programs_and_times() -> None:
-    page = "| task | Scenegate | others |\n| `a`, b | 2.1 ms | VTK 29 ms, X (Y) 3.8 s |\n| c | 60 Hz | d 2 Hz |\n"
+    page = "| task | Scenegate | others | by |\n| `a`, b | 2.1 ms | VTK 29 ms, X (Y) 3.8 s | `x` |\n"
+    page += "| c | 60 Hz | d 2 Hz | `y` |\n"
     assert times_of(page) == {"a, b": [("Scenegate", 2.1), ("VTK", 29), ("X (Y)", 3800)]}
 
 

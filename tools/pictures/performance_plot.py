@@ -25,11 +25,11 @@ SHORTEST: Final = 1.0
 def times_of(page: str) -> dict[str, list[tuple[str, float]]]:
     """Return programs and milliseconds of each row of the first table whose cells are times; ours comes first."""
     rows: dict[str, list[tuple[str, float]]] = {}
-    for task, ours, others in re.findall(r"^\| (.*) \| (.*) \| (.*) \|$", page, re.MULTILINE):
+    for task, ours, others in re.findall(r"^\| ([^|]*) \| ([^|]*) \| ([^|]*) \| [^|]* \|$", page, re.MULTILINE):
         found = [*TIME.findall(f"Scenegate {ours}"), *TIME.findall(others)]
-        if len(found) > 1:
+        if len(found) > 1 and others.strip():
             rows[re.sub(r"[*`]", "", task)] = [
-                (name.strip(), float(value) * (1e3 if unit == "s" else 1)) for name, value, unit in found
+                (name.strip() or "Scenegate", float(value) * (1e3 if unit == "s" else 1)) for name, value, unit in found
             ]
     return rows
 
@@ -40,9 +40,9 @@ def plot(rows: dict[str, list[tuple[str, float]]]) -> str:
     top = 2 * GAP
     for task, times in rows.items():
         body.append(f'<text x="{TITLE_WIDTH - 10}" y="{top + 12}" text-anchor="end">{escape(task)}</text>')
-        for index, (name, value) in enumerate(times):
+        for name, value in times:
             width = max(2.0, SCALE_WIDTH / 4 * math.log10(value / SHORTEST))
-            color = "#b8bec6" if index else "#1f6fb4"
+            color = "#1f6fb4" if name == "Scenegate" else "#b8bec6"
             label = f"{name} {value:.3g} ms" if value < 1e3 else f"{name} {value / 1e3:.2g} s"
             body.append(f'<rect x="{TITLE_WIDTH}" y="{top}" width="{width:.0f}" height="{BAR - 2}" fill="{color}"/>')
             body.append(f'<text x="{TITLE_WIDTH + width + 6:.0f}" y="{top + 11}">{escape(label)}</text>')
