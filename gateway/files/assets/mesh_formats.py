@@ -208,6 +208,9 @@ def _parts_of_mesh_data(mesh_data: MeshData, limits: GltfLimits) -> tuple[Part, 
         check_stop()
         shapes.append(_shape_of(parsed))
         material = PLAIN_MATERIAL if parsed.color is None else diffuse_material(np.array(parsed.color), None)
+        if any(parsed.emission):
+            r, g, b = np.clip(np.nan_to_num(parsed.emission), 0.0, 1.0).tolist()
+            material = replace(material, emissive=(linear_from_srgb(r), linear_from_srgb(g), linear_from_srgb(b)))
         if parsed.image is not None:
             material = replace(material, base_color_texture=textures[parsed.image])
         materials.append(material)

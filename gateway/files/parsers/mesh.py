@@ -35,8 +35,8 @@ _DEFINED_MATERIAL: Final = re.compile(rb"^[ \t]*newmtl[ \t]([^\r\n]*)", re.MULTI
 _LIBRARIES: Final = re.compile(rb"^[ \t]*mtllib[ \t]+([^\r\n]*)", re.MULTILINE)
 _BETWEEN_LIBRARIES: Final = re.compile(r"(?<=\.mtl)\s+", re.IGNORECASE)
 """Blanks between the names of MTL files in a statement; a name may have blanks, too."""
-_COMMENT: Final = re.compile(rb"^([ \t]*(?:[Kk][ads]|newmtl|d|Tr)[ \t][^#\r\n]*[ \t])#[^\r\n]*", re.MULTILINE)
-_GRAY: Final = re.compile(rb"^([ \t]*[Kk][ads])[ \t]+([-+.\deE]+)[ \t]*$", re.MULTILINE)
+_COMMENT: Final = re.compile(rb"^([ \t]*(?:[Kk][adse]|newmtl|d|Tr)[ \t][^#\r\n]*[ \t])#[^\r\n]*", re.MULTILINE)
+_GRAY: Final = re.compile(rb"^([ \t]*[Kk][adse])[ \t]+([-+.\deE]+)[ \t]*$", re.MULTILINE)
 _TEXTURE_OPTION: Final = re.compile(r"-[a-zA-Z]+(?:\s+(?:on|off|[rgbmlz]|[-+.\deE]+))+\s+")
 """Option before a texture's name in an MTL file, such as ``-clamp on`` and ``-s 1 1 1``."""
 _WITHOUT_EFFECT: Final = frozenset({"-blendu", "-blendv", "-bm", "-boost", "-texres"})
@@ -207,7 +207,10 @@ def _shape(geometry: Any, textures: TextureFiles, warnings: list[str]) -> Shape 
         triangles = np.arange(len(corners)).reshape(-1, 3)
         return shape_of(positions, triangles, warnings, normals=normals, colors=colors)
     triangles = checked_triangles(np.asarray(geometry.faces, np.int64).reshape(-1, 3), len(positions), warnings)
-    return shape_of(positions, triangles, warnings, normals=normals, uv=uv, colors=colors, color=color, image=image)
+    shape = shape_of(positions, triangles, warnings, normals=normals, uv=uv, colors=colors, color=color, image=image)
+    if shape is not None and color is not None:
+        shape.emission = _mtl_emission(geometry.visual.material)
+    return shape
 
 
 def _vertex_colors(geometry: Any) -> NDArray[np.uint8] | None:
@@ -278,6 +281,9 @@ def _material(
         uv = _placed(uv, path, warnings)
         if "kd" not in statements or not color[:3].any():  # a black one would hide the texture
             color[:3] = 1.0
+    opacity_map = _texture_name(" ".join(map(str, statements.get("map_d", ()))))
+    if opacity_map and (image is None or opacity_map != _texture_name(path)):  # the alpha of map_Kd is drawn
+        warnings.append(f"map_d {opacity_map[:60]!r} is ignored, as only the alpha of map_Kd is read")
     color[3] *= _mtl_opacity(statements)
     return uv, _rgba(color), image
 
@@ -295,6 +301,15 @@ def _is_default(material: Any) -> bool:
     if not isinstance(material, SimpleMaterial) or material.kwargs:
         return False
     return not isinstance(getattr(material.image, "fp", None), io.BytesIO)
+
+
+def _mtl_emission(material: Any) -> tuple[float, float, float]:
+    """Return the emitted colour of a material in an MTL file, its ``Ke``, sRGB; black without."""
+    try:
+        r, g, b = map(float, (getattr(material, "kwargs", None) or {})["ke"])
+    except (KeyError, TypeError, ValueError):
+        return 0.0, 0.0, 0.0
+    return r, g, b
 
 
 def _mtl_opacity(statements: dict[str, Any]) -> float:

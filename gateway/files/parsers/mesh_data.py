@@ -34,6 +34,8 @@ class Shape(msgspec.Struct):
     """(N, 4) uint8, sRGB and opacity."""
     color: tuple[float, float, float, float] | None = None
     """Diffuse colour, sRGB and opacity, not clipped; None: the file has no material."""
+    emission: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    """Emitted colour, sRGB, not clipped."""
     image: int | None = None
     """Index of the texture in ``MeshData.images``."""
 

@@ -327,3 +327,25 @@ def test_options_of_textures(
     assert found == {(float(u), float(v)) for u, v in expected}
     assert len(warnings) == len(ignored)
     assert all(option in warning for option, warning in zip(ignored, warnings, strict=True))
+
+
+@pytest.mark.parametrize(
+    ("ke", "expected"), [("Ke 0 1 0.5", (0, 1, 0.2140)), ("Ke 1", (1, 1, 1)), ("Ke 0 0 0", (0, 0, 0))]
+)
+def test_ke_is_emitted(root: Path, files: MeshFiles, ke: str, expected: tuple[float, ...]) -> None:
+    write(root / "t.mtl", f"newmtl m\nKd 0 0 0\n{ke}  # lamp\n")
+    write(root / "t.obj", "mtllib t.mtl\n" + TRIANGLE.replace("f 1 2 3", "usemtl m\nf 1 2 3"))
+    (part,) = files.load("t.obj")
+    assert part.material.emissive == pytest.approx(expected, abs=1e-3)
+
+
+@pytest.mark.parametrize(("name", "is_ignored"), [("p.png", False), ("-s 1 1 1 other.png", True)])
+def test_map_d_is_said_unless_it_is_the_alpha_of_map_kd(
+    root: Path, files: MeshFiles, name: str, is_ignored: bool
+) -> None:
+    write(root / "p.png", png((255, 255, 255)))
+    write(root / "t.mtl", f"newmtl m\nmap_Kd p.png\nmap_d {name}\n")
+    write(root / "t.obj", "mtllib t.mtl\nvt 0 0\n" + TRIANGLE.replace("f 1 2 3", "usemtl m\nf 1/1 2/1 3/1"))
+    warnings: list[str] = []
+    files.load("t.obj", warnings=warnings)
+    assert any("map_d" in warning for warning in warnings) == is_ignored
