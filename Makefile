@@ -50,6 +50,8 @@ run: $(VENV)/.installed ## set up and serve on http://127.0.0.1:8000 with the de
 PYTEST := $(BIN)/python -m pytest -n auto --maxprocesses 8 --dist worksteal
 # Tests start a hundred interpreters, each of which would compile Python's sources in memory where this is set.
 unexport PYTHONDONTWRITEBYTECODE
+# What every command imports. Where that is set, each command would compile it in memory, for 1.5 s.
+WRITE_BYTECODE := import gateway.app, gateway.cli.commands, gateway.cli.render_dataset, numba; numba.njit(lambda: 0)()
 
 test: $(VENV)/.installed-dev ## set up and run the tests that take seconds, all rooms
 	$(PYTEST) -m "not slow" $(ARGS)
@@ -180,6 +182,7 @@ $(VENV)/.tools: tools/locks/requirements-tools.lock | $(VENV)/.made
 $(VENV)/.installed: tools/locks/requirements.lock pyproject.toml client/pyproject.toml | $(VENV)/.tools
 	@$(call install,--require-hashes -r tools/locks/requirements.lock)
 	@$(call install,--no-deps --no-build-isolation --editable ./client --editable .)
+	@$(BIN)/python -c "$(WRITE_BYTECODE)"
 	@touch $@
 
 $(VENV)/.installed-dev: tools/locks/requirements-dev.lock | $(VENV)/.installed
