@@ -30,7 +30,7 @@ from gateway.datasets.views import SceneCamera, View, scene_views, usable_camera
 from gateway.files.assets.mesh_formats import MESH_LIMITS, parse_mesh
 from gateway.files.assets.scene_file import FolderFiles, SceneFileError
 from gateway.files.gltf import PlacedCamera, read_mesh_names
-from gateway.files.robots.scene_files import DEFAULT_OPTIONS, GLTF_SUFFIXES, SceneOptions, read_scene
+from gateway.files.robots.scene_files import DEFAULT_OPTIONS, GLTF_SUFFIXES, SceneOptions, read_scene, without_effect
 from gateway.runtime.logs.warning_list import WarningList
 from gateway.scene.draw.flatten import flatten
 from gateway.scene.tree.geometry import Part
@@ -136,11 +136,13 @@ def load_scene(source: Source, options: SceneOptions = DEFAULT_OPTIONS) -> Loade
             case SourceKind.FILE:
                 return _load_file(source, options)
             case SourceKind.TREE:
-                return _load_tree(source, files, options)
+                scene = _load_tree(source, files, options)
             case SourceKind.REQUEST:
-                return _load_request(source, files)
+                scene = _load_request(source, files)
             case SourceKind.SCENARIO:
-                return _load_scenario(source, options)
+                scene = _load_scenario(source, options)
+        warnings = (*without_effect(options), *scene.description.warnings)
+        return replace(scene, description=msgspec.structs.replace(scene.description, warnings=warnings))
     except OSError as error:
         raise SceneError(error.strerror or str(error)) from None
     except (SceneFileError, RequestError, ValueError) as error:  # those of meshes, glTF and trees are ValueErrors

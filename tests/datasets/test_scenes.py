@@ -82,6 +82,9 @@ def test_tree_viewer_requests(tmp_path: Path) -> None:
     scene = loaded(path)
     assert (labels(scene), scene.look, scene.file_camera) == ([1, 2], "studio", None)
     assert scene.description.labels == {"1": (("robot", "base"),), "2": (("robot", "arm"),)}
+    source = find_sources([path])[0]
+    warnings = load_scene(source, SceneOptions(up="y", scale=0.001)).description.warnings
+    assert [warning.split()[0] for warning in warnings] == ["--up", "--scale"]
     path.write_text("{}")
     with pytest.raises(SceneError, match=r"setgeometry .*settransform"):
         loaded(path)

@@ -58,14 +58,22 @@ class SceneOptions:
 
 
 DEFAULT_OPTIONS: Final = SceneOptions()
-_FLAGS: Final = {"up": "--up", "variant": "--variant"}
-_ROBOT_FLAGS: Final = {
+_FLAGS: Final = {
+    "up": "--up",
+    "scale": "--scale",
+    "variant": "--variant",
     "joints": "--joint",
     "xacro_args": "--xacro-arg",
     "keyframe": "--keyframe",
     "robot_gltf_up": "--robot-gltf-up",
 }
-"""Flags by the names of options that have no effect on robots, and on other files; ``roots`` are for all of serve."""
+"""Flags by the names of options that some kinds of files have no use for."""
+
+
+def without_effect(options: SceneOptions, used: tuple[str, ...] = ()) -> tuple[str, ...]:
+    """Return a sentence for each option that differs from the default and is not among those that are ``used``."""
+    given = [name for name in _FLAGS if getattr(options, name) != getattr(DEFAULT_OPTIONS, name)]
+    return tuple(f"{_FLAGS[name]} has no effect on a file of this kind" for name in given if name not in used)
 
 
 def read_scene(path: Path, options: SceneOptions = DEFAULT_OPTIONS) -> SceneFile:
@@ -76,17 +84,15 @@ def read_scene(path: Path, options: SceneOptions = DEFAULT_OPTIONS) -> SceneFile
     suffix = path.suffix.lower()
     if suffix in GLTF_SUFFIXES:
         scene = read_scene_file(path, up=options.up, variant=options.variant or None, animation=options.animation)
-        unused = _ROBOT_FLAGS
+        notes = without_effect(options, ("up", "scale", "variant"))
     elif suffix in ROBOT_SUFFIXES or (not suffix and is_pipe(path)):
         scene = _read_robot(path, options)
-        unused = _FLAGS
+        notes = without_effect(options, ("scale", "joints", "xacro_args", "keyframe", "robot_gltf_up"))
     elif suffix in SCENE_SUFFIXES:
         scene = _read_mesh(path, suffix, options.up)
-        unused = {**_ROBOT_FLAGS, "variant": "--variant"}
+        notes = without_effect(options, ("up", "scale"))
     else:
         raise SceneFileError(f"{path}: its suffix is not one of {', '.join(SCENE_SUFFIXES)}")
-    flags = [flag for name, flag in unused.items() if getattr(options, name) != getattr(DEFAULT_OPTIONS, name)]
-    notes = [f"{flag} has no effect on a file of this kind" for flag in flags]
     scene = replace(scene, notes=(*scene.notes, *notes))
     if options.strict and (refusal := strict_refusal(scene.warnings)):
         raise SceneFileError(f"{path}: {refusal}")
