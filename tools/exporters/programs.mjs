@@ -12,7 +12,7 @@ import { GLTFExporter } from 'three/addons/exporters/GLTFExporter.js';
 const [boxesFile, folder] = process.argv.slice(2);
 const boxes = JSON.parse(readFileSync(boxesFile, 'utf8'));
 
-// three.js: Y up. Of browsers, for binary files
+// three.js, Y up. It writes binary files with this class of browsers.
 globalThis.FileReader = class {
   async readAsArrayBuffer(blob) { this.result = await blob.arrayBuffer(); this.onloadend(); }
   async readAsDataURL(blob) {
