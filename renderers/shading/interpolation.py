@@ -121,7 +121,7 @@ def interpolate(segment: Segment, begin: I64, end: I64) -> None:
                 for k in range(4):
                     vec.store(pixels.tangent, k * STRIDE + pixel, _along_span(spans.tangent, k, 4, at, offsets, t))
             if has_points:
-                _store_surface(segment, column, pixel, at, offsets, weight_sum)
+                _store_surface(segment, column, pixel, at, offsets, t)
         at += vec.count_bits(starts)
     for uv_set in range(2):  # sets that the material reads and the mesh lacks
         if segment.material.uv_sets & (1 << uv_set) and not attributes & (HAS_UV0 << uv_set):
@@ -154,17 +154,16 @@ def _store_gradient(
 
 
 @device_function
-def _store_surface(segment: Segment, columns: F32x8, pixel: I64, at: I64, offsets: I32x8, weight_sum: F32x8) -> None:
+def _store_surface(segment: Segment, columns: F32x8, pixel: I64, at: I64, offsets: I32x8, t: F32x8) -> None:
     """Store ``point`` of eight pixels, and ``flat_normal`` if it is read.
 
     Args:
         columns: image columns of the pixels.
         pixel, at, offsets: as in ``_store_gradient``.
-        weight_sum: sums of the weights.
+        t: as in ``_along_span``.
     """
     spans, pixels, job = segment.spans, segment.pixels, segment.job
-    # Spans.depth is z times the sum of the weights, and constant along a span.
-    z = _span_values(spans.depth, 0, at, offsets) / weight_sum
+    z = vec.f32(1.0) / _along_span(spans.inv_depth, 0, 1, at, offsets, t)
     x = (columns + vec.f32(0.5 - job.cx)) * vec.f32(1.0 / job.fx) * z
     y = vec.f32((segment.y + 0.5 - job.cy) / job.fy) * z
     store3(pixels.point, pixel, STRIDE, (x, y, z))

@@ -148,8 +148,8 @@ class Spans(Struct):
     uv: Pointer[F32] = _spans(2 * UV_SET_ROWS)  # of the set uv0, then of uv1
     color: Pointer[F32] = _spans(4 + 4)
     tangent: Pointer[F32] = _spans(4 + 4)  # optical frame, and the sign of the bitangent
-    # Filled only if ShadingInputs has has_points: depth in metres times the sum of the weights, constant along a span.
-    depth: Pointer[F32] = _spans(1)
+    # Filled only if ShadingInputs has has_points: 1/depth, 1/m, at the first pixel, and its change per pixel.
+    inv_depth: Pointer[F32] = _spans(1 + 1)
     # Filled only if it has has_flat_normals: unit normal of the triangle, towards the camera.
     flat_normal: Pointer[F32] = _spans(3)
     # Filled only if the ShadingMaterial has has_gradients. The first half of the rows holds the changes of the sums per

@@ -39,7 +39,7 @@ from renderers.shading.layout import (
     V_UV0,
     Segment,
 )
-from renderers.shading.span_weights import TRIANGLES, Weights, rays_of, scaled_weights, weight_matrix
+from renderers.shading.span_weights import TRIANGLES, Weights, inverse_depths, rays_of, scaled_weights, weight_matrix
 from renderers.shading.vec3 import cross, dot, minus, store3, times, to_f32x3, transform_directions, transform_points
 
 _E_BITANGENT_SIGN: Final = E_TANGENT + 3
@@ -144,7 +144,7 @@ def _set_up_eight(segment: Segment, span: I64, count: I64, at: I64) -> bool:
     # Weights.
     rays = rays_of(segment.job, segment.y, first_column, step_count)
     matrix, determinant, sign = weight_matrix(segment.instance.topology, p0, p1, p2, rays)
-    weights, scale = scaled_weights(matrix, sign, rays, step_count, segment.job)
+    weights = scaled_weights(matrix, sign, rays, step_count, segment.job)
     along_span = Halves(first=weights.first, second=weights.per_pixel)
     mirror = vec.f32(segment.matrices.mirror)
     facing = vec.select(determinant > vec.f64(0.0), -mirror, mirror)
@@ -161,7 +161,9 @@ def _set_up_eight(segment: Segment, span: I64, count: I64, at: I64) -> bool:
     if attributes & HAS_UV0:
         _store_attributes(advance(spans.uv, at), 2, along_span, corners, V_UV0)
     if segment.job.has_points != 0:
-        vec.store(spans.depth, at, vec.to_f32(vec.absolute(determinant) * scale))
+        inv_depth, change = inverse_depths(matrix, determinant, sign, rays, (p0[2], p1[2], p2[2]))
+        vec.store(spans.inv_depth, at, vec.to_f32(inv_depth))
+        vec.store(spans.inv_depth, SPAN_STRIDE + at, vec.to_f32(change / vec.maximum(step_count, vec.f64(1.0))))
     if material.has_gradients != 0:
         _store_gradients(segment, at, weights, corners)
     if attributes & HAS_COLORS:

@@ -146,10 +146,44 @@ def _weights_at(matrix: tuple[F64x8x3, F64x8x3, F64x8x3], sign: F64x8, ray_x: F6
 
 
 @inlined
+def inverse_depths(
+    matrix: tuple[F64x8x3, F64x8x3, F64x8x3], determinant: F64x8, sign: F64x8, rays: Rays, depths: F64x8x3
+) -> tuple[F64x8, F64x8]:
+    """Return 1/depth at the first pixel of spans, 1/m, and by how much it changes up to the last one.
+
+    It is that of the primitive's plane, limited to those of the vertices. Where ``_weights_at`` limits weights, their
+    sum gives another depth: with several samples per pixel, slivers are shaded as if they were many pixels away.
+
+    Args:
+        matrix, determinant, sign: from ``weight_matrix``.
+        rays: the Rays of the spans.
+        depths: of the vertices, metres.
+    """
+    zero, one, infinity = vec.f64(0.0), vec.f64(1.0), vec.f64(math.inf)
+    nearest = vec.minimum(vec.minimum(depths[0], depths[1]), depths[2])
+    farthest = vec.maximum(vec.maximum(depths[0], depths[1]), depths[2])
+    lower = vec.select(farthest > zero, one / farthest, zero)
+    upper = vec.select(nearest > zero, one / nearest, infinity)
+    scale = sign / vec.absolute(determinant)
+    plane = (
+        matrix[0][0] + matrix[1][0] + matrix[2][0],
+        matrix[0][1] + matrix[1][1] + matrix[2][1],
+        matrix[0][2] + matrix[1][2] + matrix[2][2],
+    )
+    first = scale * _dot_ray(plane, rays.first_x, rays.y)
+    last = scale * _dot_ray(plane, rays.last_x, rays.y)
+    # Points, and triangles seen from their edge, have the determinant 0.
+    first = vec.select(first == first, vec.maximum(vec.minimum(first, upper), lower), upper)
+    last = vec.select(last == last, vec.maximum(vec.minimum(last, upper), lower), upper)
+    change = last - first
+    return first, vec.select(vec.absolute(change) < infinity, change, zero)
+
+
+@inlined
 def scaled_weights(
     matrix: tuple[F64x8x3, F64x8x3, F64x8x3], sign: F64x8, rays: Rays, step_count: F64x8, job: ShadingInputs
-) -> tuple[Weights, F64x8]:
-    """Return the Weights, and the factor by which they are scaled.
+) -> Weights:
+    """Return the Weights.
 
     Scaled to the sum 1 at the first pixel, the weights fit float32. Any positive factor is valid, since the sums of
     attributes are divided by the sum of the weights.
@@ -168,10 +202,9 @@ def scaled_weights(
     third = vec.f64(1.0 / 3.0)  # weights that are not usable: the centroid
     # Infinite rows make these NaN, which ``sampling`` takes for a magnified texture.
     x_scale, y_scale = scale * sign * vec.f64(1.0 / job.fx), scale * sign * vec.f64(1.0 / job.fy)
-    weights = Weights(
+    return Weights(
         first=to_f32x3(select3(is_usable, times(first, scale), (third, third, third))),
         per_pixel=to_f32x3(select3(is_usable, times(minus(last, first), step_scale), (zero, zero, zero))),
         per_column=to_f32x3((matrix[0][0] * x_scale, matrix[1][0] * x_scale, matrix[2][0] * x_scale)),
         per_row=to_f32x3((matrix[0][1] * y_scale, matrix[1][1] * y_scale, matrix[2][1] * y_scale)),
     )
-    return weights, scale
