@@ -44,7 +44,7 @@ def row_of(task: str, command: str, rows: list[Row]) -> str:
     """Return a row of the page: without what the rows of the bench say in brackets and after semicolons."""
     begins = next(begins for start, begins in BEGINS.items() if task.startswith(start))
     names = [next((row.what for row in rows if row.what.startswith(begin)), "") for begin in begins]
-    found = [row for name in names for row in rows if row.what == name]
+    found = [row for name in names for row in rows if row.what == name and not row.peer.startswith("floor")]
     columns = [row.ours for row in found], [row.peer for row in found]
     ours, peers = (", ".join(dict.fromkeys(re.sub(r" \(.*?\)|;.*", "", c) for c in column if c)) for column in columns)
     return f"| {task} | {ours} | {peers} | `{command}` |"
