@@ -120,6 +120,7 @@ def try_pattern(pattern: str | bytes, flags: int, is_searched: bool, limits: Pro
     return result
 
 
+@pytest.mark.slow
 def test_patterns_take_linear_time() -> None:
     assert len(PATTERNS) > 10
     for _, pattern, flags, is_searched in PATTERNS:

@@ -154,6 +154,7 @@ def test_frames_of_other_sites_are_refused(gateway_url: str) -> None:
         assert headers["x-content-type-options"] == "nosniff", path
 
 
+@pytest.mark.slow
 def test_head_works_for_every_route_with_get(gateway_url: str) -> None:
     with clients.Client(base_url=gateway_url) as http:
         described = http.get("/openapi.json").json()["paths"]

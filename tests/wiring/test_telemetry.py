@@ -108,6 +108,7 @@ def attributes(span: Span) -> dict[str, Any]:
     return {a.key: a.value.string_value or a.value.int_value for a in span.attributes}
 
 
+@pytest.mark.slow
 def test_a_render_has_a_span_for_each_stage(collector: Collector) -> None:
     request, rejected = (span for span in collector.spans if span.name == "POST /render")
     stages = children(collector.spans, request)
@@ -126,6 +127,7 @@ def test_a_render_has_a_span_for_each_stage(collector: Collector) -> None:
     assert not failed.events, "a traceback may show data of clients"
 
 
+@pytest.mark.slow
 def test_a_stereo_set_has_spans_of_its_images(collector: Collector) -> None:
     frame = next(span for span in collector.spans if span.name == "stereo frame")
     assert frame.parent_span_id == b""
@@ -139,6 +141,7 @@ def test_a_stereo_set_has_spans_of_its_images(collector: Collector) -> None:
     assert [span.name for span in children(collector.spans, exposed)] == ["queue"], "the thread's span is below it"
 
 
+@pytest.mark.slow
 def test_a_request_over_lcm_has_a_span(collector: Collector) -> None:
     messages = [span for span in collector.spans if span.name == "process LCM message"]
     assert messages

@@ -22,6 +22,7 @@ LEFT, RIGHT, DEPTH, POINTS = (
 )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("depth", [True, False])
 async def test_images_come_at_the_camera_s_rate_and_depth_at_its_own(start: Start, tmp_path: Path, depth: bool) -> None:
     camera = await start(depth_mode="ground_truth")

@@ -237,7 +237,7 @@ def test_ramps_of_any_length(upright: bool, length: int, wrap: Wrap) -> None:
 
 @pytest.mark.parametrize(
     "size",
-    [pytest.param((256, 256), marks=pytest.mark.slow), (64, 512), (230, 100)],
+    [pytest.param((256, 256), marks=pytest.mark.slow), pytest.param((64, 512), marks=pytest.mark.slow), (230, 100)],
     ids=["minified", "anisotropic", "fractions"],
 )
 def test_the_area_filter_averages_the_light_of_each_pixel(size: tuple[int, int]) -> None:
