@@ -22,7 +22,8 @@ def add_client_commands(app: typer.Typer) -> None:
         def never_run(**_: Any) -> None: ...
 
         actions = command_parser(name)._actions  # noqa: SLF001 - argparse has no other list of them
-        never_run.__signature__ = inspect.Signature([_parameter(action) for action in actions if _is_option(action)])  # type: ignore[attr-defined]
+        signature = inspect.Signature([_parameter(action) for action in actions if _is_option(action)])
+        never_run.__signature__ = signature  # type: ignore[attr-defined]  # which Typer reads
         app.command(name, help=description)(never_run)
 
 

@@ -576,7 +576,7 @@ def test_the_stereo_camera_is_placed_at_the_view(
                 page.keyboard.press("v")
             else:
                 page.get_by_role("button", name="Place at this view").click()
-            shown.until(lambda: np.allclose(page.evaluate(where), eye), "the frustum at the view")  # noqa: B023
+            shown.until(lambda: np.allclose(page.evaluate(where), eye), "the frustum at the view")  # noqa: B023 - used at once
             np.testing.assert_allclose(page.evaluate(forward), [-eye[0] / 3, -eye[1] / 4, 0], atol=1e-6)
         text = "eye=0,-4,0;target=0,-3,0;up=0,0,1"
         assert http.get("/cameras/stereo/pose").json() == {"pose": text}

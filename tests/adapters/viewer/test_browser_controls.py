@@ -86,7 +86,7 @@ def test_controls_of_all_types(shown: tuple[View, TreeViewer], gateway: tuple[An
         speed.value = 1.5
         for each in (view, other):
             field = each.page.get_by_label("Speed, value")
-            each.until(lambda: field.input_value() == "1.5", "the program's value")  # noqa: B023
+            each.until(lambda: field.input_value() == "1.5", "the program's value")  # noqa: B023 - used at once
     finally:
         other.page.close()
         assert other.faults == []

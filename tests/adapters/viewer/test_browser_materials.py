@@ -167,7 +167,7 @@ def test_page_and_gateway_light_the_same_scene(tmp_path: Path) -> None:
         for light in lights:
             view.page.evaluate(SET_LIGHT, {name.removeprefix("light_"): value for name, value in light.items()})
             image = render(url, "eye=0,-4,3;target=0,0,0;up=0,0,1;fovy=45", light=light).astype(int)
-            view.until(lambda: np.abs(view.colors() - image).mean() < 2.0, f"the gateway's image with {light}")  # noqa: B023
+            view.until(lambda: np.abs(view.colors() - image).mean() < 2.0, f"the gateway's image with {light}")  # noqa: B023 - used at once
             difference = np.abs(view.colors() - image).max(axis=2)
             gray = image.max(axis=2).astype(np.uint8)
             kernel = np.ones((5, 5), np.uint8)

@@ -106,8 +106,8 @@ def test_the_page_follows_the_view_of_the_client(shown: tuple[View, TreeViewer],
     home = [0, 0.1, 8, 0, 1, 0]
     try:
         for page in (view, later := View(browser, url)):
-            page.until(lambda: page.share("blue") > 0.5, "a blue background")  # noqa: B023
-            page.until(lambda: np.allclose(page.page.evaluate(where), home), "the home camera")  # noqa: B023
+            page.until(lambda: page.share("blue") > 0.5, "a blue background")  # noqa: B023 - used at once
+            page.until(lambda: np.allclose(page.page.evaluate(where), home), "the home camera")  # noqa: B023 - used at once
             assert not page.page.evaluate("scenegate.stage.grid.visible")
             page.open_display_menu()
             assert not page.page.get_by_label("Grid on the ground").is_checked()

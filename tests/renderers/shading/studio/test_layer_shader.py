@@ -24,7 +24,7 @@ def test_a_layers_inputs_live_as_long_as_its_shader(monkeypatch: pytest.MonkeyPa
 
     monkeypatch.setattr(passes, "_job", job)
     nothing: Any = SimpleNamespace(X_camera_mesh=None, first_ids=None, width=8)
-    shade = passes._layer_shader(nothing, nothing, nothing, nothing, nothing, 0, 0, 0)  # noqa: SLF001
+    shade = passes._layer_shader(nothing, nothing, nothing, nothing, nothing, 0, 0, 0)  # noqa: SLF001 - what it keeps
     gc.collect()
     assert [each() is not None for each in alive] == [True, True]
     del shade
