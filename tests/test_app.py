@@ -419,25 +419,22 @@ async def test_a_service_started_after_shutdown_began_ends(monkeypatch: pytest.M
     assert service.ended.is_set()
 
 
-async def test_requests_are_let_in_before_openapi_is_generated(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A process that says it is ready must not hold back requests while it generates the OpenAPI document."""
-    describing, go_on = threading.Event(), threading.Event()
+async def test_openapi_is_generated_by_the_event_loop_before_requests_are_let_in(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """FastAPI prepares the routes for the first request; a thread that describes them at that moment fails."""
+    threads: list[int] = []
 
-    def openapi(_: FastAPI) -> dict[str, Any]:
-        describing.set()
-        assert go_on.wait(SECONDS)
-        return {}
+    def openapi(app: FastAPI) -> dict[str, Any]:
+        threads.append(threading.get_ident())
+        assert not app.state.context.started.is_set()
+        return {"paths": {}}
 
     monkeypatch.setattr(FastAPI, "openapi", openapi)
     use_interfaces(monkeypatch, render=add_route)
-    try:
-        async with running() as client:
-            assert await asyncio.to_thread(describing.wait, SECONDS)
-            assert (await client.get("/readyz")).status_code == 200
-            assert (await client.get("/example")).json() == "here"
-            go_on.set()
-    finally:
-        go_on.set()
+    async with running() as client:
+        assert (await client.get("/example")).json() == "here"
+    assert set(threads) == {threading.get_ident()}
 
 
 async def test_is_not_ready_before_requests_are_let_in(monkeypatch: pytest.MonkeyPatch) -> None:

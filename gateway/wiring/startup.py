@@ -48,11 +48,20 @@ async def _start(context: Context) -> None:
             context.on_fatal()
             return
         await _start_interfaces(context)
+        _describe_routes(context)
         context.started.set()
-        # FastAPI keeps the description of its first use, which may be from before the interfaces added their routes.
-        context.app.openapi_schema = None
-        await asyncio.to_thread(context.app.openapi)  # takes tens of milliseconds
         await _announce_start(context, begin)
+
+
+def _describe_routes(context: Context) -> None:
+    """Make the OpenAPI description, before requests can wait for it.
+
+    It takes a tenth of a second of the event loop. In a thread it fails if a request comes at the same time: FastAPI
+    prepares the routes for that request, too, and finds a parameter in one preparation that it looks for in the other.
+    """
+    # FastAPI keeps the description of its first use, which may be from before the interfaces added their routes.
+    context.app.openapi_schema = None
+    context.app.openapi()
 
 
 async def _start_interfaces(context: Context) -> None:

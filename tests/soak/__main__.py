@@ -14,7 +14,6 @@ import argparse
 import asyncio
 import contextlib
 import json
-import random
 import signal
 import sys
 import tempfile
@@ -37,6 +36,8 @@ QUEUE = 32
 THREADS = 2
 COUNTED = ("tasks", "threads", "files")
 """Resources of the gateway that must return to their initial number."""
+STARTS_SECONDS, SILENT_SECONDS, ENDS_SECONDS = 240, 120, 60
+"""Seconds after which a gateway that has not started, sends no figures or has not ended is given up."""
 SETTLE_SECONDS = 45
 TOGETHER = 100
 """Churning clients at a time."""
@@ -60,46 +61,60 @@ class Gateway:
             self.samples.append({"t": time.monotonic() - self.begin, **json.loads(line)})
 
     async def next(self) -> dict[str, Any]:
-        """The figures of a second that is yet to come."""
+        """The figures of a second that is yet to come.
+
+        Raises:
+            TimeoutError: the gateway is silent.
+        """
         seen = len(self.samples)
-        while len(self.samples) < seen + 2:  # noqa: ASYNC110 - once a second
-            await asyncio.sleep(0.1)
+        async with asyncio.timeout(SILENT_SECONDS):
+            while len(self.samples) < seen + 2:  # noqa: ASYNC110 - once a second
+                await asyncio.sleep(0.1)
         return self.samples[-1]
 
 
 @asynccontextmanager
 async def gateway(state: Path) -> AsyncIterator[Gateway]:
     """A gateway that has started."""
-    port = random.randrange(20000, 60000)
-    flags = ["host=127.0.0.1", f"http_port={port}", "grpc_port=0", "tcpq_port=0", "lcm_url=off", f"state={state}"]
+    flags = ["host=127.0.0.1", "http_port=0", "grpc_port=0", "tcpq_port=0", "lcm_url=off", f"state={state}"]
     process = await asyncio.create_subprocess_exec(
-        *(sys.executable, "-m", "tests.soak.server", *flags, f"queue={QUEUE}", f"threads={THREADS}"),
+        *(sys.executable, "-X", "faulthandler", "-m", "tests.soak.server", *flags),
+        *(f"queue={QUEUE}", f"threads={THREADS}"),
         stdout=asyncio.subprocess.PIPE,
     )
-    running = Gateway(process, Ports(port, 0, 0))
-    listening = asyncio.create_task(running.listen())
+    assert process.stdout is not None
+    listening = None
     try:
-        while (health := await _health(port)) is None or health["status"] not in ("ready", "degraded"):  # noqa: ASYNC110 - only asking tells
-            await asyncio.sleep(0.2)
+        async with asyncio.timeout(STARTS_SECONDS):
+            port = int(json.loads(await process.stdout.readline())["http_port"])
+            running = Gateway(process, Ports(port, 0, 0))
+            listening = asyncio.create_task(running.listen())
+            while (health := await _health(port))["status"] not in ("ready", "degraded"):  # noqa: ASYNC110 - only asking tells
+                await asyncio.sleep(0.2)
         interfaces = health["interfaces"]
         tcpq = int(interfaces["treeviewer"]["tcpq"]["url"].rpartition(":")[2])
         running.ports = Ports(port, int(interfaces["stereo"]["port"]), tcpq)
         yield running
     finally:
-        process.send_signal(signal.SIGTERM)
+        with contextlib.suppress(ProcessLookupError):
+            process.send_signal(signal.SIGTERM)
+        with contextlib.suppress(TimeoutError):
+            async with asyncio.timeout(ENDS_SECONDS):
+                await process.wait()
+        if process.returncode is None:
+            process.send_signal(signal.SIGABRT)  # it prints where each of its threads is
         print(f"the gateway ended with exit code {await process.wait()}")
-        await listening
+        if listening is not None:
+            await listening
 
 
 async def _health(port: int) -> Any:
-    try:
-        reader, writer = await asyncio.open_connection("127.0.0.1", port)
-        writer.write(clients.http_request("GET", "/healthz"))
-        answer = await reader.read()
-        writer.close()
-        return json.loads(answer.partition(b"\r\n\r\n")[2])
-    except (OSError, ValueError):
-        return None
+    """Return what the gateway says; it listens before it is ready."""
+    reader, writer = await asyncio.open_connection("127.0.0.1", port)
+    writer.write(clients.http_request("GET", "/healthz"))
+    answer = await reader.read()
+    writer.close()
+    return json.loads(answer.partition(b"\r\n\r\n")[2])
 
 
 # --- churn

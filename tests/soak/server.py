@@ -1,4 +1,4 @@
-"""The gateway of the soak: as ``scenegate serve``, and once a second a line of JSON about itself.
+"""The gateway of the soak: as ``scenegate serve``, with lines of JSON: its HTTP port, then its figures once a second.
 
 python -m tests.soak.server FLAGS…
 """
@@ -69,6 +69,7 @@ async def serve(flags: dict[str, Any]) -> None:
     log_setup.configure("json", "error")
     app = create_app(settings, open_state(settings), on_started=process_tuning.freeze_gc)
     listener = process_tuning.listen(settings.host, settings.http_port)
+    print(json.dumps({"http_port": listener.getsockname()[1]}), flush=True)
     server = http_server.MainServer(http_server.server_config(app, settings.shutdown_seconds, lifespan=True))
     app.state.closing = lambda: server.should_exit
     ticker = asyncio.create_task(tell())

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import threading
 from collections.abc import Collection, Mapping
 from typing import Any, Final
 
@@ -74,13 +73,11 @@ def describe(app: FastAPI, *, token: bool, open_paths: Collection[str]) -> None:
         open_paths: paths that need none.
     """
     generate = app.openapi
-    lock = threading.Lock()  # the event loop and the thread of the start generate it; FastAPI cannot do both at once
 
     def openapi() -> dict[str, Any]:
-        with lock:
-            if app.openapi_schema is None:  # FastAPI keeps the schema there
-                _complete(generate(), token, open_paths)
-            return generate()
+        if app.openapi_schema is None:  # FastAPI keeps the schema there
+            _complete(generate(), token, open_paths)
+        return generate()
 
     app.openapi = openapi  # type: ignore[method-assign]  # FastAPI's documented way
 

@@ -3,20 +3,17 @@
 from __future__ import annotations
 
 import re
-import time
 from collections.abc import Iterator
-from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
 import pytest
-from fastapi import FastAPI
 from hypothesis import given
 from hypothesis import strategies as st
 
 from gateway.adapters.stereo.device.parameter_specs import NODE_ALIASES, NODES
 from gateway.app import create_app
-from gateway.runtime.http.openapi import SECURITY_SCHEMES, describe
+from gateway.runtime.http.openapi import SECURITY_SCHEMES
 from gateway.runtime.settings import Settings
 from gateway.scene.draw.cameras import CAMERA_PATTERN, CameraError, parse_camera
 from gateway.scene.draw.shown import COLOR_PATTERN, parse_color
@@ -97,20 +94,3 @@ def test_the_pattern_of_cameras_is_their_grammar(text: str) -> None:
         parse_camera(text)
     except CameraError as error:
         assert re.search("same point as eye|has no direction", str(error)), error  # what a pattern cannot say
-
-
-def test_threads_that_ask_at_once_get_one_description(monkeypatch: pytest.MonkeyPatch) -> None:
-    running: list[int] = []
-
-    def generate() -> dict[str, Any]:
-        running.append(len(running))
-        time.sleep(0.01)  # short: others come meanwhile
-        assert len(running) == 1
-        running.pop()
-        return {"paths": {}}
-
-    app = FastAPI()
-    monkeypatch.setattr(app, "openapi", generate)
-    describe(app, token=False, open_paths=())
-    with ThreadPoolExecutor(8) as pool:
-        list(pool.map(lambda _: app.openapi(), range(8)))
