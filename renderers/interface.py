@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from enum import Flag, auto
 from typing import Final, Literal, Protocol
@@ -13,6 +14,8 @@ from renderers.camera import Camera
 from renderers.drawlist import DrawList
 from renderers.light_rig import STUDIO, CameraLight, Rig
 
+Parallel = Callable[[int, Callable[[int], object]], None]
+"""``parallel(units, work)`` calls work(0) .. work(units - 1) from several threads and raises the first error."""
 LookName = Literal["phong", "pbr", "gltf", "plain", "studio"]
 SampleCount = Literal[1, 4, 8]
 VTK_LOOKS: Final[tuple[LookName, ...]] = ("phong", "pbr")
@@ -92,5 +95,13 @@ class Renderer(Protocol):
         Raises:
             ImageError: a texture that colour or a cut-out needs cannot be decoded.
             Exception: the flag was set. The error is the one that it was set with, raised within about 0.1 s.
+        """
+        ...
+
+    def parallel(self, units: int, work: Callable[[int], object]) -> None:
+        """Call ``work(0) .. work(units - 1)`` in any order, from the calling thread and from idle helper threads.
+
+        ``work`` should spend its time in kernels, which release the GIL. The first exception of the calls is raised
+        again after all of them have ended.
         """
         ...

@@ -115,11 +115,8 @@ class Rasterizer(Protocol):
         ...
 
     def parallel(self, units: int, work: Callable[[int], object]) -> None:
-        """Call ``work(0) .. work(units - 1)`` in any order, from the calling thread and from idle helper threads.
-
-        ``work`` should spend its time in kernels, which release the GIL. The first exception of the calls is raised
-        again after all of them have ended. For pixels, ``units`` is ``band_count(height)``. Unit ``u`` is the band that
-        begins at row ``u * BAND_ROWS``.
+        """As ``Renderer.parallel``. For pixels, ``units`` is ``band_count(height)``; unit ``u`` begins at row
+        ``u * BAND_ROWS``.
         """
         ...
 

@@ -16,13 +16,13 @@ from renderers.camera import Camera
 from renderers.compiler.pointers import address_of, aligned
 from renderers.compiler.simd import LANES
 from renderers.drawlist import DrawList
-from renderers.interface import VTK_LOOKS, Frame, Look, LookName, Output
+from renderers.interface import VTK_LOOKS, Frame, Look, LookName, Output, Parallel
 from renderers.raster.frame import FrameJob
 from renderers.raster.frame_threads import FrameThreads
 from renderers.raster.layout import MAX_SIDE
 from renderers.raster.msaa.resolve import allocate_sample_bands, mixed_bands, paint_each_sample
 from renderers.raster.scene import PreparedScene, Structure, prepare
-from renderers.shading import HeadlightJob, Parallel, ShadingScene, paint, solid_pixels
+from renderers.shading import HeadlightJob, ShadingScene, paint, solid_pixels
 from renderers.shading import prepare as prepare_shading
 from renderers.shading.depth_peeling import draw_cut_outs
 from renderers.shading.studio.passes import paint as paint_studio

@@ -49,6 +49,5 @@ from __future__ import annotations
 
 from renderers.shading.headlight.passes import HeadlightJob, paint, solid_pixels
 from renderers.shading.scene import ShadingScene, prepare
-from renderers.shading.texture_table import Parallel
 
-__all__ = ["HeadlightJob", "Parallel", "ShadingScene", "paint", "prepare", "solid_pixels"]
+__all__ = ["HeadlightJob", "ShadingScene", "paint", "prepare", "solid_pixels"]

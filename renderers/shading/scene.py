@@ -17,7 +17,7 @@ from renderers.compiler.kernel_calls import kernel_address
 from renderers.compiler.kernel_types import F64, I64, Address, Pointer
 from renderers.compiler.pointers import address_of, advance, f64_at
 from renderers.drawlist import AlphaMode, Instance, Material, Mesh, Topology
-from renderers.interface import VTK_LOOKS, LookName
+from renderers.interface import VTK_LOOKS, LookName, Parallel
 from renderers.shading.gamma import LINEAR_FROM_GAMMA
 from renderers.shading.layout import InstanceMatrices, ShadingInputs, ShadingInstance, ShadingMaterial, ShadingTexture
 from renderers.shading.materials import MaterialTable, drawn_material
@@ -25,7 +25,7 @@ from renderers.shading.mesh_buffers import MeshBuffers, buffers_of
 from renderers.shading.sampling import sample_texture
 from renderers.shading.span_setup import set_up_part
 from renderers.shading.spans import SPAN_OFFSETS
-from renderers.shading.texture_table import Parallel, TextureTable
+from renderers.shading.texture_table import TextureTable
 from renderers.shading.textures import texels_of
 from renderers.stop import check_stop
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from typing import Any, Final
 
 import numpy as np
@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from renderers.compiler.pointers import address_of
 from renderers.drawlist import Texture, Wrap, name_image_errors
+from renderers.interface import Parallel
 from renderers.shading.layout import ShadingTexture
 from renderers.shading.mipmaps import has_mip_levels, mip_level_rows
 from renderers.shading.textures import is_decoded, texels_of
@@ -21,9 +22,6 @@ _WRAPS: Final = {Wrap.REPEAT: WRAP_REPEAT, Wrap.CLAMP_TO_EDGE: WRAP_CLAMP, Wrap.
 MIPS_NONE: Final = 0
 MIPS_NEAREST: Final = 1
 MIPS_LINEAR: Final = 2
-
-Parallel = Callable[[int, Callable[[int], object]], None]
-"""``parallel(units, work)`` calls work(0) .. work(units - 1) from several threads and raises the first error."""
 
 
 class TextureTable:

@@ -4,11 +4,14 @@ import threading
 from typing import Any
 
 from renderers.interface import Frame
+from renderers.stereo.depth.matching import in_turn
 from renderers.stop import check_stop
 
 
 class EndlessRenderer:
     """Checks its stop flag until it is set; counts the running and the ended calls."""
+
+    parallel = staticmethod(in_turn)
 
     def __init__(self) -> None:
         self.begun = self.ended = 0

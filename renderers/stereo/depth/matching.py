@@ -7,6 +7,7 @@ OpenCV's matcher finds the disparities. Its interpolation prefers whole pixels b
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Final, TypeVar
 
@@ -14,6 +15,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from renderers.interface import Parallel
 from renderers.stereo.depth.depth_images import DepthImages
 from renderers.stereo.depth.match_confidence import error_and_confidence, match_features, with_texture
 from renderers.stereo.depth.residual_shift import residual_shift, without_local_mean
@@ -41,6 +43,10 @@ NEAR_REGION: Final = 640
 images: matches of less may be wrong. It is 1 pixel at Low and Medium, 3 at High, 5 at Full."""
 REACH_MARGIN: Final = 16
 """Disparities beyond the largest one in the half-size images that are searched, pixels."""
+BAND_MARGIN: Final = 32
+"""Rows beyond the border of a band that are matched with it: they support the matches, features and means inside."""
+MIN_ROWS_OF_BANDS: Final = 8 * BAND_MARGIN
+"""Height of the smallest image that is matched in two bands."""
 MAX_REFINEMENT: Final = 0.5
 """Maximum change of a disparity by the refinement, pixels. A larger one follows another surface."""
 
@@ -97,17 +103,49 @@ def grey_levels(fine: NDArray[np.uint16]) -> NDArray[np.uint8]:
     return (fine + np.uint16(FINE // 2) >> 4).astype(np.uint8)
 
 
+def in_turn(units: int, work: Callable[[int], object]) -> None:
+    """``Parallel`` in one thread."""
+    for unit in range(units):
+        work(unit)
+
+
 def match_pair(
-    left: NDArray[np.uint16], right: NDArray[np.uint16], disparity_count: int, noise_sigma: float
+    left: NDArray[np.uint16],
+    right: NDArray[np.uint16],
+    disparity_count: int,
+    noise_sigma: float,
+    parallel: Parallel = in_turn,
 ) -> DepthImages:
-    """Return depth images by matching a pair.
+    """Return depth images by matching a pair, the upper and the lower half of large images on their own.
 
     Args:
         left: (H, W) uint16, rectified: a point's row is the same in both images; units of 1/16 grey level.
         right: (H, W) uint16, likewise.
         disparity_count: number of disparities to search, one per pixel from 0.
         noise_sigma: standard deviation of the image noise, grey levels.
+        parallel: matches both halves at a time.
     """
+    height = len(left)
+    bands = 2 if height >= MIN_ROWS_OF_BANDS else 1
+    images = DepthImages(np.empty_like(left), np.empty(left.shape, np.uint8), np.empty(left.shape, np.uint8))
+
+    def match_band(band: int) -> None:
+        begin, end = height * band // bands, height * (band + 1) // bands
+        rows = slice(max(begin - BAND_MARGIN, 0), end + BAND_MARGIN)
+        matched = _match_rows(left[rows], right[rows], disparity_count, noise_sigma)
+        inside = slice(begin - rows.start, end - rows.start)
+        images.disparity[begin:end] = matched.disparity[inside]
+        images.error[begin:end] = matched.error[inside]
+        images.confidence[begin:end] = matched.confidence[inside]
+
+    parallel(bands, match_band)
+    return images
+
+
+def _match_rows(
+    left: NDArray[np.uint16], right: NDArray[np.uint16], disparity_count: int, noise_sigma: float
+) -> DepthImages:
+    """Return the depth images of the rows of a pair; arguments are those of ``match_pair``."""
     matches = find_matches(left, right, disparity_count, noise_sigma)
     features = match_features(left, right, matches, max(noise_sigma, MIN_NOISE_SIGMA))
     disparity = with_texture(matches, features)

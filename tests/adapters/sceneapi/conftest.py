@@ -21,6 +21,7 @@ from gateway.scene.tree.live import LiveTree
 from renderers.camera import Camera
 from renderers.drawlist import LABEL_NONE, DrawList, Material
 from renderers.interface import Frame, Look, Output
+from renderers.stereo.depth.matching import in_turn
 from scenegate.messages.geometry import Box, Sphere
 
 SPOT = (20, 30)
@@ -35,6 +36,8 @@ class RecordingRenderer:
     error: Exception | None = None
     spot: tuple[int, int, int] | None = None
     """Colour of the pixel ``SPOT``, which shows the first instance."""
+
+    parallel = staticmethod(in_turn)
 
     def render(self, scene: DrawList, camera: Camera, outputs: Output, look: Look = Look()) -> Frame:
         self.calls.append((scene, camera, outputs, look))

@@ -42,6 +42,7 @@ from renderers.encode import png_gray16, png_rgb, tiff_float32
 from renderers.images import image_from_bytes
 from renderers.interface import Frame, Look, Output
 from renderers.light_rig import Rig
+from renderers.stereo.depth.matching import in_turn
 from scenegate.messages.geometry import Box
 from tests.support.endless import EndlessRenderer
 from tests.support.view_frames import parse_frame
@@ -55,6 +56,8 @@ class CountingRenderer:
     cameras: list[Camera] = field(default_factory=list)
     looks: list[Look | None] = field(default_factory=list)
     instance_counts: list[int] = field(default_factory=list)
+
+    parallel = staticmethod(in_turn)
 
     def render(self, scene: DrawList, camera: Camera, outputs: Output, look: Look | None = None) -> Frame:
         self.cameras.append(camera)

@@ -9,13 +9,18 @@ from numpy.typing import NDArray
 
 from gateway.adapters.stereo.device.camera_config import StereoConfig
 from gateway.adapters.stereo.device.stream_settings import StreamSettings
+from renderers.interface import Parallel
 from renderers.stereo.depth.depth_images import DepthImages
 from renderers.stereo.depth.filters import apply_filters, fill_holes
-from renderers.stereo.depth.matching import ImagePair, block_means, match_pair
+from renderers.stereo.depth.matching import ImagePair, block_means, in_turn, match_pair
 
 
 def matched_depth(
-    config: StereoConfig, pair: ImagePair, settings: StreamSettings, dark_pair: ImagePair | None
+    config: StereoConfig,
+    pair: ImagePair,
+    settings: StreamSettings,
+    dark_pair: ImagePair | None,
+    parallel: Parallel = in_turn,
 ) -> DepthImages:
     """Return depth images by matching a pair.
 
@@ -25,6 +30,7 @@ def matched_depth(
         settings: parameters of the frame.
         dark_pair: images without the projector's light, with which ``double_shot`` fills holes; None: ``double_shot``
             fills them by matching ``pair`` at half the resolution.
+        parallel: see ``match_pair``.
     """
     model, divisor = config.model, settings.quality.divisor
     nearest = settings.filters.measurable_depths(model, divisor).min_depth
@@ -34,15 +40,15 @@ def matched_depth(
 
     noise = config.noise_factor, settings.averaged_images, divisor
     noise_sigma, scaled = pair.noise_sigma(*noise), pair.reduced(model, divisor)
-    images = _match_region(*scaled, disparity_count, noise_sigma, settings)
+    images = _match_region(*scaled, disparity_count, noise_sigma, settings, parallel)
     if not settings.double_shot:
         apply_filters(images, filters, focal_times_baseline, divisor)
         return images
     if dark_pair is not None:
         dark = dark_pair.reduced(model, divisor)
-        second_images = _match_region(*dark, disparity_count, dark_pair.noise_sigma(*noise), settings)
+        second_images = _match_region(*dark, disparity_count, dark_pair.noise_sigma(*noise), settings, parallel)
     else:
-        second_images = _match_half_resolution(*scaled, disparity_count, noise_sigma)
+        second_images = _match_half_resolution(*scaled, disparity_count, noise_sigma, parallel)
         if settings.depth_region is not None:
             settings.depth_region.clear_outside(second_images.disparity, divisor)
     for measured in (images, second_images):
@@ -62,6 +68,7 @@ def _match_region(
     disparity_count: int,
     noise_sigma: float,
     settings: StreamSettings,
+    parallel: Parallel,
 ) -> DepthImages:
     """Return depth images of the full size, of which only the depth region is matched, to save time.
 
@@ -69,7 +76,7 @@ def _match_region(
     """
     region = settings.depth_region
     if region is None:
-        return match_pair(left, right, disparity_count, noise_sigma)
+        return match_pair(left, right, disparity_count, noise_sigma, parallel)
     height, width = left.shape
     rows, columns = region.slices(settings.quality.divisor)
     full_size = DepthImages(np.zeros_like(left), np.zeros_like(left, np.uint8), np.zeros_like(left, np.uint8))
@@ -83,6 +90,7 @@ def _match_region(
         np.ascontiguousarray(right[search_window]),
         disparity_count,
         noise_sigma,
+        parallel,
     )
     region_columns = np.s_[:, columns.start - first_column :]
     full_size.disparity[rows, columns] = region_images.disparity[region_columns]
@@ -92,7 +100,11 @@ def _match_region(
 
 
 def _match_half_resolution(
-    left: NDArray[np.uint16], right: NDArray[np.uint16], disparity_count: int, noise_sigma: float
+    left: NDArray[np.uint16],
+    right: NDArray[np.uint16],
+    disparity_count: int,
+    noise_sigma: float,
+    parallel: Parallel,
 ) -> DepthImages:
     """Return depth images by matching at half the resolution, where a window covers four times the area of the scene.
 
@@ -100,7 +112,7 @@ def _match_half_resolution(
     """
     height, width = left.shape
     half_left, half_right = (block_means(image, 2, -(-height // 2), -(-width // 2)) for image in (left, right))
-    half_images = match_pair(half_left, half_right, -(-disparity_count // 2), noise_sigma / 2)
+    half_images = match_pair(half_left, half_right, -(-disparity_count // 2), noise_sigma / 2, parallel)
 
     def enlarge(values: NDArray[np.uint8] | NDArray[np.uint16], factor: int) -> NDArray[np.uint16]:
         """Return the values times ``factor``, each repeated in 2 x 2 pixels."""

@@ -231,7 +231,7 @@ class Imaging:
         """
         config = self.config
         if pair is not None:
-            return matched_depth(config, pair, settings, dark_pair)
+            return matched_depth(config, pair, settings, dark_pair, self.renderer.parallel)
         divisor = settings.quality.divisor
         left = self.render(capture, 0.0, divisor, Output.DEPTH).depth
         right = self.render(capture, config.model.baseline, divisor, Output.DEPTH).depth

@@ -13,6 +13,7 @@ from gateway.adapters.stereo.device.camera_config import StereoConfig
 from gateway.adapters.stereo.device.parameters import Parameters
 from gateway.adapters.stereo.device.stream_settings import StreamSettings, read_settings
 from gateway.adapters.stereo.imaging.matched_depth import matched_depth
+from renderers.interface import Parallel
 from renderers.stereo.depth.depth_images import DepthImages
 from renderers.stereo.depth.matching import ImagePair
 from renderers.stereo.model import StereoModel
@@ -37,6 +38,7 @@ class FakeMatcher:
         right: NDArray[np.uint16],
         disparity_count: int,
         noise_sigma: float,
+        parallel: Parallel,
     ) -> DepthImages:
         assert left.shape == right.shape
         self.calls.append((left.shape, disparity_count, noise_sigma))
