@@ -65,6 +65,14 @@ class UILock:
 
 def add_setting_routes(routes: APIRouter, base: str, services: Sequence[StereoService], lock: UILock) -> None:
     """Add the routes below ``base``, the path of the system."""
+    _add_computer_routes(routes, base, services, lock)
+    _add_lock_routes(routes, base, lock)
+    _add_time_routes(routes, base, services)
+    _add_backup_routes(routes, base, services)
+
+
+def _add_computer_routes(routes: APIRouter, base: str, services: Sequence[StereoService], lock: UILock) -> None:
+    """Add the routes that show and refuse to change what the computer decides."""
     info = partial(device.system_info, services)
     shown: dict[str, Any] = {
         "dns": lambda: {"dns": info()["dns"]},
@@ -97,6 +105,8 @@ def add_setting_routes(routes: APIRouter, base: str, services: Sequence[StereoSe
             responses=error_responses({status: f"Always: {sentence}."}),
         )(partial(refuse, method, name))
 
+
+def _add_lock_routes(routes: APIRouter, base: str, lock: UILock) -> None:
     @routes.post(
         f"{base}/ui_lock", summary="Verify or set the UI lock", responses=json_example({"enabled": True, "valid": True})
     )
@@ -113,6 +123,10 @@ def add_setting_routes(routes: APIRouter, base: str, services: Sequence[StereoSe
     async def remove_lock() -> Any:
         lock.hash = ""
         return {"enabled": False, "valid": False}
+
+
+def _add_time_routes(routes: APIRouter, base: str, services: Sequence[StereoService]) -> None:
+    """Add time and reboot."""
 
     @routes.get(f"{base}/time", summary="System time in UTC", responses=json_example(_UTC))
     async def system_time() -> Any:
@@ -143,6 +157,8 @@ def add_setting_routes(routes: APIRouter, base: str, services: Sequence[StereoSe
             service.reboot()
         return _RETURN_CODE
 
+
+def _add_backup_routes(routes: APIRouter, base: str, services: Sequence[StereoService]) -> None:
     @routes.get(f"{base}/backup", summary="Parameters of all cameras", responses=json_example(_BACKUP))
     async def backup(
         pipelines: Wanted = True,
