@@ -1,7 +1,7 @@
 """Errors of matched depth on scenes that ``confidence`` is not fitted to: ``python -m tools.calibration.errors``.
 
-Images of ``scenes`` and of the demo, without and with the projector, at quality High. ``--pair FOLDER`` is a real pair
-instead, ``motorcycle`` of Middlebury 2014, in the folder ``skimage/data`` of scikit-image's wheel.
+Images of ``scenes`` and of the demo, without and with the projector, at quality High. ``real_pair`` is the same for a
+real pair.
 """
 
 from __future__ import annotations
@@ -9,17 +9,14 @@ from __future__ import annotations
 import argparse
 import itertools
 from dataclasses import replace
-from pathlib import Path
 from typing import Final
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from gateway.adapters.stereo.imaging.matched_depth import matched_depth
 from renderers.stereo.depth.depth_images import DepthImages
 from renderers.stereo.depth.filters import Filters
-from renderers.stereo.depth.matching import FINE, MIN_NOISE_SIGMA, match_pair
 from renderers.stereo.model import DISPARITY_SCALE, Quality
 from tools.calibration.samples import Sample, demo_samples, samples
 
@@ -127,42 +124,10 @@ def report_confidence(title: str, group: list[Sample]) -> None:
         print_reliability(f"projector {'on' if projector else 'off'}", reliability(chosen))
 
 
-def report_real_pair(folder: Path) -> None:
-    """Print fill and errors of a real pair, where both cameras see it and elsewhere, near edges and off them."""
-    pair = [cv2.imread(str(folder / f"motorcycle_{side}.png"), cv2.IMREAD_GRAYSCALE) for side in ("left", "right")]
-    left, right = (np.multiply(image, FINE, dtype=np.uint16) for image in pair if image is not None)
-    truth = np.nan_to_num(np.load(folder / "motorcycle_disp.npz")["arr_0"].astype(np.float32), posinf=0.0)
-    rows, columns = np.indices(truth.shape)
-    in_right = np.rint(columns - truth).astype(int)
-    known = truth > 0.0
-    inside, nearest = known & (in_right >= 0), np.zeros_like(truth)
-    np.maximum.at(nearest, (rows[inside], in_right[inside]), truth[inside])
-    visible = inside & (nearest[rows, np.maximum(in_right, 0)] <= truth + 1.0)
-    steps = cv2.dilate(truth, np.ones((3, 3))) - cv2.erode(np.where(known, truth, np.float32(np.inf)), np.ones((3, 3)))
-    near_edge = cv2.dilate(((steps > 2.0) & np.isfinite(steps)).astype(np.uint8), np.ones((9, 9))) > 0
-    images = match_pair(left, right, 96, MIN_NOISE_SIGMA)
-    matched, deviation = images.disparity > 0, images.disparity * np.float32(DISPARITY_SCALE) - truth
-    names = ("visible", "occluded", "near edges", "off edges")
-    parts = (visible, known & ~visible, visible & near_edge, visible & ~near_edge)
-    for name, part in zip(names, parts, strict=True):
-        errors = deviation[part & matched]
-        small = np.abs(errors) < 1.0
-        fill, wrong, bias = matched[part].mean(), 1.0 - small.mean(), errors[small].mean()
-        print(f"  {name:12} fill {fill:.3f}, off by > 1 px {wrong:.3f}, bias of the others {bias:+.3f} px")
-    is_right = np.abs(deviation) <= 3.0 * images.error * DISPARITY_SCALE + 1e-6
-    both = matched & known
-    print_reliability("motorcycle", reliability_of(images.confidence[both] / 255.0, is_right[both]))
-
-
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0] if __doc__ else None)
     parser.add_argument("--realism", action="store_true", help="images with all parts of --stereo-realism")
-    parser.add_argument("--pair", type=Path, metavar="FOLDER", help="a real pair instead")
-    options = parser.parse_args()
-    realism: bool = options.realism
-    if options.pair is not None:
-        report_real_pair(options.pair)
-        return
+    realism: bool = parser.parse_args().realism
     scenes = [list(samples(Quality.HIGH, seed, realism=realism)) for seed in SEEDS]
     demo = list(demo_samples(realism=realism))
     report_errors(scenes[0])
