@@ -77,7 +77,7 @@ BENCHES = {
     "shading": Bench(quick=("--frames", "3"), peers=("vtk",)),
     "render": Bench(quick=("--frames", "3"), peers=("vtk",)),
     "codecs": Bench(),
-    "concurrency": Bench(),
+    "event_loop": Bench(),
     "drakeviewer": Bench(quick=("--seconds", "0.5")),
     "startup": Bench(
         ("--cold", "--scenes", "10000", "--plot", PLOT),
