@@ -3,7 +3,7 @@
     phase       unit of work                        kernel
     TRANSFORM   some vertices                       transform.transform
     SETUP       some chunks of 1,024 primitives     setup.setup
-    BANDS       a band of 32 rows                   coverage, shade_rows, resolve; or those of msaa
+    BANDS       a band of 32 rows                   draw_kernel, shade_kernel, resolve_kernel
 
 Threads take units by an atomic counter until none is left, and wait for the last units of others before the next phase.
 """
@@ -28,28 +28,28 @@ _SPINS: Final = 200
 def run_phases(frame_address: Address, until_finished: bool) -> None:
     """Work on a frame together with other threads. A thread may come late, even when nothing is left to do.
 
-    With ``band_memory``, at most ``max_threads`` calls in all: each takes a part of it.
+    With ``band_memory``, callers make at most ``max_threads`` calls a frame: each takes its own part of it.
 
     Args:
         until_finished: return when the frame is finished; otherwise as soon as no unit of work is left.
     """
     frame = RasterFrame(frame_address)
-    memory = frame.band_memory
-    if memory != 0:
-        memory += atomic_add_one(frame.threads_started, 0) * frame.band_memory_bytes
+    band_memory = frame.band_memory
+    if band_memory != 0:
+        band_memory += atomic_add_one(frame.threads_started, 0) * frame.band_memory_bytes
     for phase in range(PHASES):
-        _take_units(frame, phase, memory)
+        _do_units(frame, phase, band_memory)
         if phase != BANDS or until_finished:
             _wait_for_other_threads(frame, phase)
 
 
 @inlined
-def _take_units(frame: RasterFrame, phase: I64, memory: Address) -> None:
+def _do_units(frame: RasterFrame, phase: I64, band_memory: Address) -> None:
     """Do units of a phase until none is left."""
     unit = atomic_add_one(frame.units_taken, phase)
-    while unit < frame.units[phase]:
-        if not is_set(frame.stop):  # otherwise it is counted, so that no thread waits for it, but not done
-            _do_unit(frame, phase, unit, memory)
+    while unit < frame.unit_counts[phase]:
+        if not is_set(frame.stop):  # units of a stopped frame are only counted, so that no thread waits for them
+            _do_unit(frame, phase, unit, band_memory)
         atomic_add_one(frame.units_done, phase)
         unit = atomic_add_one(frame.units_taken, phase)
 
@@ -58,15 +58,15 @@ def _take_units(frame: RasterFrame, phase: I64, memory: Address) -> None:
 def _wait_for_other_threads(frame: RasterFrame, phase: I64) -> None:
     """Return once all units of a phase are done."""
     spins = 0
-    while load_acquire(frame.units_done, phase) < frame.units[phase]:
+    while load_acquire(frame.units_done, phase) < frame.unit_counts[phase]:
         spins += 1
         if spins > _SPINS and frame.yield_function != 0:
             yield_at(frame.yield_function)
 
 
 @inlined
-def _do_unit(frame: RasterFrame, phase: I64, unit: I64, memory: Address) -> None:
-    """Do one unit of a phase, given by its index; ``memory`` as for the bands."""
+def _do_unit(frame: RasterFrame, phase: I64, unit: I64, band_memory: Address) -> None:
+    """Do one unit of a phase."""
     if phase == TRANSFORM:
         begin = unit * frame.vertices_per_unit
         end = min(begin + frame.vertices_per_unit, frame.vertex_count)
@@ -79,30 +79,34 @@ def _do_unit(frame: RasterFrame, phase: I64, unit: I64, memory: Address) -> None
         first_row = unit * BAND_ROWS
         end_row = min(first_row + BAND_ROWS, frame.height)
         if frame.samples > 1:
-            _draw_sample_band(frame, first_row, end_row, memory)
+            _finish_sample_band(frame, first_row, end_row, band_memory)
         else:
-            _draw_band(frame, first_row, end_row, memory)
+            _finish_band(frame, first_row, end_row, band_memory)
 
 
 @device_function
-def _draw_band(frame: RasterFrame, first_row: I64, end_row: I64, memory: Address) -> None:
+def _finish_band(frame: RasterFrame, first_row: I64, end_row: I64, band_memory: Address) -> None:
     """Draw, shade and resolve one band.
 
     Args:
-        memory: the thread's own memory for a band; 0: the frame has a layer of the whole image.
+        band_memory: the thread's own; 0: the frame has a layer of the whole image, and is not shaded here.
     """
-    call_kernel(frame.draw_kernel, (address(frame), first_row, end_row, memory, FRONT_FACES))
+    call_kernel(frame.draw_kernel, (address(frame), first_row, end_row, band_memory, FRONT_FACES))
     if frame.shade_kernel != 0:
-        call_kernel(frame.shade_kernel, (frame.shade_job, memory, first_row, end_row))
-    if frame.first_back_bin != 0:  # back faces are kept: depth and labels show them, colour does not
-        call_kernel(frame.draw_kernel, (address(frame), first_row, end_row, memory, BACK_FACES))
+        call_kernel(frame.shade_kernel, (frame.shade_job, band_memory, first_row, end_row))
+    if frame.first_back_bin != 0:  # kept back faces: depth and labels show them, the colour above does not
+        call_kernel(frame.draw_kernel, (address(frame), first_row, end_row, band_memory, BACK_FACES))
     if frame.resolve_kernel != 0:
-        call_kernel(frame.resolve_kernel, (address(frame), first_row, end_row, memory))
+        call_kernel(frame.resolve_kernel, (address(frame), first_row, end_row, band_memory))
 
 
 @device_function
-def _draw_sample_band(frame: RasterFrame, first_row: I64, end_row: I64, memory: Address) -> None:
-    """Draw and shade one band with several samples per pixel; ``memory``: the thread's SampleBand."""
-    call_kernel(frame.draw_kernel, (address(frame), first_row, end_row, memory))
-    call_kernel(frame.edges_kernel, (address(frame), first_row, end_row, memory))
-    call_kernel(frame.shade_kernel, (frame.shade_job, memory, frame.stride, first_row, end_row))
+def _finish_sample_band(frame: RasterFrame, first_row: I64, end_row: I64, band_memory: Address) -> None:
+    """Draw and shade one band with several samples per pixel, which have no other output than colour.
+
+    Args:
+        band_memory: the thread's SampleBand.
+    """
+    call_kernel(frame.draw_kernel, (address(frame), first_row, end_row, band_memory))
+    call_kernel(frame.edges_kernel, (address(frame), first_row, end_row, band_memory))
+    call_kernel(frame.shade_kernel, (frame.shade_job, band_memory, frame.stride, first_row, end_row))

@@ -37,7 +37,7 @@ def set_up_frame(frame_address: Address) -> I64:
     max_units = UNITS_PER_THREAD * threads if threads > 1 else 1
     frame.vertices_per_unit = max(_quotient_up(vertices, max_units), MIN_VERTICES)
     frame.chunks_per_unit = max(_quotient_up(frame.chunk_count, max_units), 1)
-    units = frame.units
+    units = frame.unit_counts
     units[0] = _quotient_up(vertices, frame.vertices_per_unit)
     units[1] = _quotient_up(frame.chunk_count, frame.chunks_per_unit)
     units[2] = frame.band_count

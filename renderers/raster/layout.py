@@ -41,14 +41,14 @@ TINY_SIDE: Final = 4
 MAX_TINY_PIXELS: Final = 4 * CHUNK_SIZE
 """Maximum pixels of a chunk's tiny triangles. When there is no more room, they become small triangles."""
 BACK_BIT: Final = -(1 << 31)
-"""Marks the pixels of tiny back faces that are kept."""
+"""Set in the ``Chunk.pixels`` of back faces that are kept."""
 PIXEL_ROOM: Final = MAX_TINY_PIXELS + 8
-"""Vectors are stored beyond the last pixel."""
+"""Pixels that a chunk has memory for: the stores of the last ones overrun."""
 CHUNK_VALUES: Final = CHUNK_SIZE + 3 * PIXEL_ROOM
 MAX_SMALL_WIDTH: Final = 64
 MAX_SMALL_HEIGHT: Final = 128
 """Triangles of at most this many pixel centres across and down, less than 65 x 129 pixels, have edge functions that fit
-int32, also a vector of columns beside their box: 2 x 256^2 x (65 + 8) x 129 < 2^31."""
+int32, also eight columns (``msaa``) or seven rows (``small_triangles``) off their box: 2 x 256^2 x 73 x 136 < 2^31."""
 MAX_SMALL_DEPTH_RATIO: Final = 4.0
 """Maximum depth of a small triangle's farthest vertex over that of its nearest. Beyond, float32 would lose digits of
 1/z at the far end, and float64 is used."""
@@ -58,18 +58,7 @@ TOPOLOGY_LINES: Final = 2
 TOPOLOGY_TRIANGLES: Final = 3
 
 
-class Primitive(Struct):
-    values: Pointer[I32] = inline(6)  # corners x0 y0 x1 y1 x2 y2, grid units, or others: see the kinds
-    id: I32  # primitive id
-    kind: I32
-    inv_z_dx: F64  # change of 1/z per column
-    inv_z_dy: F64  # change of 1/z per row
-    inv_z_base: F64  # 1/z at the centre of the pixel that ``fill.inv_z_origin`` returns; see the kinds
-    inv_z_min: F32  # range of 1/z over the primitive; clamping to it keeps slivers from extrapolating
-    inv_z_max: F32
-
-
-# The kinds of primitives: what ``values`` has, and the pixel that ``inv_z_base`` belongs to.
+# Kinds of Primitive: what its ``values`` are, and the pixel that its ``inv_z_base`` belongs to.
 KIND_TRIANGLE: Final = 0
 """values: corners, clockwise on screen. inv_z_base: first pixel of their box, which may be off the image."""
 KIND_CLIPPED: Final = 1
@@ -85,6 +74,17 @@ KIND_SMALL: Final = 4
 """The struct is a SmallTriangle, which has the same size, and ``id`` and ``kind`` at the same place."""
 
 
+class Primitive(Struct):
+    values: Pointer[I32] = inline(6)  # see the kinds; corners are x0 y0 x1 y1 x2 y2, grid units
+    id: I32  # primitive id
+    kind: I32
+    inv_z_dx: F64  # change of 1/z per column
+    inv_z_dy: F64  # change of 1/z per row
+    inv_z_base: F64  # 1/z at the centre of the pixel that ``fill.inv_z_origin`` returns; see the kinds
+    inv_z_min: F32  # range of 1/z over the primitive; clamping to it keeps slivers from extrapolating
+    inv_z_max: F32
+
+
 class SmallTriangle(Struct):
     edges: Pointer[I32] = inline(3)  # edge functions at the first pixel centre of the box; inside where all are >= 0
     edge_dx: Pointer[I32] = inline(2)  # change per column of the first two; that of the third is minus their sum
@@ -92,8 +92,8 @@ class SmallTriangle(Struct):
     id: I32
     kind: I32
     edge1_dy: I32  # change per row of the second; that of the third is minus the sum
-    box_corner: I32  # row (high half) and column (low half, signed) of the box's corner, perhaps off the image
-    box_size: I32  # rows (high half) and columns (low half)
+    box_corner: I32  # packed, as box_size: see box_of
+    box_size: I32
     inv_z_base: F32  # as in Primitive
     inv_z_dx: F32
     inv_z_dy: F32
@@ -102,7 +102,7 @@ class SmallTriangle(Struct):
 
 
 SMALL_FIELDS: Final = SmallTriangle.places(4)
-"""Index of each field of a SmallTriangle, of four bytes each; of ``edges`` and ``edge_dx``, of the first value."""
+"""Index of each field in the struct as int32 values; of ``edges`` and ``edge_dx``, that of the first value."""
 SMALL_FIELD_COUNT: Final = SmallTriangle.nbytes // 4
 
 
@@ -124,7 +124,7 @@ class RasterInstance(Struct):
 
 
 class Draw(Struct):
-    """An instance that is drawn in a frame. The table ends with one more row for the totals, as INSTANCE's."""
+    """An instance that is drawn in a frame. The table ends with one more row for the totals."""
 
     positions: Pointer[F32]  # as in RasterInstance
     indices: Pointer[U32]
@@ -133,7 +133,7 @@ class Draw(Struct):
     first_vertex: I64  # among the drawn vertices
     first_primitive: I64  # drawn index of its first primitive, not an id
     first_id: I64  # primitive id of its first primitive
-    culled_sign: I64  # +1, -1: sign of the screen area of faces that are culled or kept for later; 0: none
+    culled_sign: I64  # +1, -1: sign of the screen area of culled faces, kept or not; 0: none
     hidden_sign: I64  # +1, -1: sign of the screen area of faces hidden by others of their mesh; 0: none
     X_camera_mesh: Pointer[F64] = inline(12)  # the first three rows
 
@@ -170,7 +170,8 @@ BACK_FACES: Final = 1
 class RasterFrame(Struct):
     """A rasterization: its parameters, the memory that it works in, and its units of work, which threads share.
 
-    ``frame.FrameJob`` fills it up to the counts. An Address or flag is 0 where there is none.
+    ``frame.FrameJob`` fills the fields above ``draw_count``, the kernels those below. An Address or flag is 0 where
+    there is none.
     """
 
     # Image and camera.
@@ -190,7 +191,7 @@ class RasterFrame(Struct):
     instances: RasterInstance  # and one more
     first_ids: Pointer[I64]  # first primitive id of every instance, and the total
     labels: Pointer[I32]  # bits of uint32 labels
-    instance_ids: Pointer[I32]
+    instance_ids: Pointer[I32]  # values of the output ``instance``
     X_world_mesh: Pointer[F64]  # (4, 4) each
     X_camera_mesh: Pointer[F64]  # (4, 4) each
     poses_ready: I64  # flag: X_camera_mesh is filled
@@ -205,7 +206,7 @@ class RasterFrame(Struct):
     sample_offsets: Pointer[I32]  # (2, 8): offsets of the samples across and down, grid units
     lane_lists: Pointer[I32]  # (256, 8), see msaa.lane_lists
 
-    # Kernels.
+    # Kernels. With several samples, draw_kernel and shade_kernel take other arguments: see frame_phases.
     transform_kernel: Address
     setup_kernel: Address
     draw_kernel: Address  # coverage.draw_band, or msaa.edges.draw_samples
@@ -240,6 +241,8 @@ class RasterFrame(Struct):
     chunk_memory: Pointer[I32]  # (chunk_count, CHUNK_VALUES): what their pointers point to
     band_memory: Address  # the first thread's memory for a band
     band_memory_bytes: I64  # of each thread
+    max_threads: I64
+    stop: Address  # an int64 that is not 0 once the frame should end, see renderers.stop
 
     # Counts, computed by set_up_frame.
     draw_count: I64
@@ -247,14 +250,12 @@ class RasterFrame(Struct):
     primitive_count: I64
     chunk_count: I64
     band_count: I64
-    first_back_bin: I64  # bin of the back faces that are kept in the first band; 0: none are kept
+    first_back_bin: I64  # bin of the first band's kept back faces; 0: none are kept
     vertices_per_unit: I64
     chunks_per_unit: I64
-    units: Pointer[I64] = inline(PHASES)
+    unit_counts: Pointer[I64] = inline(PHASES)
 
     # Progress, written while threads work.
-    max_threads: I64
-    stop: Address  # an int64 that is not 0 once the frame should end, see renderers.stop
     threads_started: Pointer[I64] = inline(1)
     units_taken: Pointer[I64] = inline(PHASES)
     units_done: Pointer[I64] = inline(PHASES)
@@ -285,7 +286,7 @@ class SmallBox(NamedTuple):
 
 @inlined
 def box_of(triangle: SmallTriangle) -> SmallBox:
-    """Return the box of a SmallTriangle."""
+    """Return the box of a SmallTriangle: rows are packed in the high halves, columns in the low ones."""
     corner, size = i64(triangle.box_corner), i64(triangle.box_size)
     left = ((corner & 0xFFFF) ^ 0x8000) - 0x8000  # sign-extended from 16 bits
     return SmallBox(left, corner >> 16, size & 0xFFFF, size >> 16)

@@ -44,7 +44,9 @@ _ends_array = stack_array(F64, 6)
 
 
 @device_function
-def set_up_triangle(frame: RasterFrame, draw_index: I64, mesh_index: I64, primitive: Primitive) -> tuple[I64, I64]:
+def set_up_single_triangle(
+    frame: RasterFrame, draw_index: I64, mesh_index: I64, primitive: Primitive
+) -> tuple[I64, I64]:
     """Set up a triangle in float64: of any size, clipped or not."""
     draw = frame.draws[draw_index]
     v0 = vertex_of(frame, draw, i64(draw.indices[3 * mesh_index]))

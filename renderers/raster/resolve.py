@@ -1,8 +1,8 @@
 """The outputs of a band from its visibility layer: depth, label and instance; ``resolve_normals`` has the normals.
 
-    primitive id of a pixel ──▶ instance ──▶ its label, its index          1/z ──▶ depth, infinite where nothing is seen
+    primitive id of a pixel ──▶ instance ──▶ its label, its instance_id    1/z ──▶ depth, infinite where nothing is seen
 
-Eight pixels at a time. Most see the instance that the pixels before have seen, so that its ids are compared first.
+Eight pixels at a time. Most see the same instance as the pixels before: its range of ids is compared before any search.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from renderers.raster.layer import set_band_layer
 from renderers.raster.layout import Layer, RasterFrame
 
 _BACKGROUND_LABEL: Final = int(np.uint32(LABEL_NONE).astype(np.int32))
-_BACKGROUND_ID: Final = -1
+_BACKGROUND_INSTANCE_ID: Final = -1
 _PREFETCH_DISTANCE: Final = 1024
 """Pixels from the one that is written to the one that is prefetched."""
 
@@ -44,7 +44,7 @@ def resolve_band(frame_address: Address, first_row: I64, end_row: I64, band_memo
             _resolve_instance_row(frame, ids, frame.labels, _BACKGROUND_LABEL, advance(i32_at(frame.label), pixel))
         if frame.instance != 0:
             out = advance(i32_at(frame.instance), pixel)
-            _resolve_instance_row(frame, ids, frame.instance_ids, _BACKGROUND_ID, out)
+            _resolve_instance_row(frame, ids, frame.instance_ids, _BACKGROUND_INSTANCE_ID, out)
     if frame.normal != 0:
         call_kernel(frame.normals_kernel, (frame_address, first_row, end_row, band_memory))
 
@@ -54,7 +54,7 @@ def _resolve_depth_row(inv_z: Pointer[F32], ids: Pointer[I32], out: Pointer[F32]
     """Write the depth of one row.
 
     Args:
-        inv_z, ids: pointers to the row's 1/z and primitive ids, whole vectors of them.
+        inv_z, ids: pointers to the row's 1/z and primitive ids, readable to a multiple of eight.
         out: ``width`` float32, metres.
     """
     one, no_depth, zero = vec.f32(1.0), vec.f32(np.inf), vec.i32(0)
@@ -65,12 +65,7 @@ def _resolve_depth_row(inv_z: Pointer[F32], ids: Pointer[I32], out: Pointer[F32]
 
 @inlined
 def _store_columns(out: Pointer[Number], column: I64, width: I64, values: Lanes) -> None:
-    """Write eight values of a row, or those before its end.
-
-    Args:
-        out: pointer to the row, ``width`` values.
-        values: vector of them.
-    """
+    """Write eight values of a row, or those before its end."""
     if column + vec.LANES <= width:
         vec.prefetch(out, column + _PREFETCH_DISTANCE)
         vec.store(out, column, values)
@@ -81,29 +76,28 @@ def _store_columns(out: Pointer[Number], column: I64, width: I64, values: Lanes)
 
 @device_function
 def _resolve_instance_row(
-    frame: RasterFrame, ids: Pointer[I32], table: Pointer[I32], background: I64, out: Pointer[I32]
+    frame: RasterFrame, ids: Pointer[I32], instance_values: Pointer[I32], background: I64, out: Pointer[I32]
 ) -> None:
-    """Write the value of the instance that each pixel of a row sees, eight pixels at a time.
+    """Write the value of the instance that each pixel of a row sees.
 
     Args:
-        ids: pointer to the row's primitive ids, whole vectors of them.
-        table: (instance_count,), the instances' values.
+        ids: pointer to the row's primitive ids, readable to a multiple of eight.
+        instance_values: (instance_count,).
         background: value where nothing is seen.
-        out: pointer to the row's output.
     """
     first_ids, width = frame.first_ids, frame.width
-    # The instance that was seen last, its value, and the range of its primitive ids.
-    last_index, last_value, first_id, end_id = i64(0), i32(0), i64(0), i64(0)
+    # The instance that was seen most recently, its value and its primitive ids: none at first.
+    seen_index, seen_value, first_id, end_id = i64(0), i32(0), i64(0), i64(0)
     for column in range(0, width, vec.LANES):
         eight_ids = vec.load(ids, column)
-        sees_last = (eight_ids >= vec.i32(first_id)) & (eight_ids < vec.i32(end_id))
-        values = vec.select(sees_last, vec.i32(last_value), vec.i32(background))
-        pending = vec.movemask((eight_ids >= vec.i32(0)) & ~sees_last)
-        while pending != 0:
+        is_seen = (eight_ids >= vec.i32(first_id)) & (eight_ids < vec.i32(end_id))
+        values = vec.select(is_seen, vec.i32(seen_value), vec.i32(background))
+        pending = vec.movemask((eight_ids >= vec.i32(0)) & ~is_seen)
+        while pending != 0:  # settle all pixels that see the instance of the first one left
             primitive_id = i64(ids[column + vec.lowest_bit(pending)])
-            last_index = instance_of(first_ids, frame.instance_count, primitive_id, last_index)
-            last_value, first_id, end_id = table[last_index], first_ids[last_index], first_ids[last_index + 1]
-            sees_last = (eight_ids >= vec.i32(first_id)) & (eight_ids < vec.i32(end_id))
-            values = vec.select(sees_last, vec.i32(last_value), values)
-            pending &= ~vec.movemask(sees_last)
+            seen_index = instance_of(first_ids, frame.instance_count, primitive_id, seen_index)
+            seen_value, first_id, end_id = instance_values[seen_index], first_ids[seen_index], first_ids[seen_index + 1]
+            is_seen = (eight_ids >= vec.i32(first_id)) & (eight_ids < vec.i32(end_id))
+            values = vec.select(is_seen, vec.i32(seen_value), values)
+            pending &= ~vec.movemask(is_seen)
         _store_columns(out, column, width, values)

@@ -15,7 +15,7 @@ from renderers.raster.triangle_geometry import EightTriangles
 
 
 @inlined
-def has_room_for_tiny(frame: RasterFrame, chunk: Chunk) -> bool:
+def can_rasterize_tiny(frame: RasterFrame, chunk: Chunk) -> bool:
     """Return whether a Chunk has room for the pixels of eight tiny triangles, and pixels have one sample."""
     return frame.samples == 1 and chunk.pixel_count <= MAX_TINY_PIXELS - vec.LANES * TINY_SIDE * TINY_SIDE
 

@@ -6,7 +6,8 @@
         small   at most 64 x 128          SmallTriangle: edge functions in int32, plane of 1/z in float32
         large   or crosses near plane     Primitive, one by one: ``primitive_setup``
 
-On the way triangles are dropped that are behind the camera, off the image, without area, or back faces that are culled.
+On the way triangles are dropped that are behind the camera, off the image, without area, hidden by their convex mesh,
+or culled and not kept.
 """
 
 from __future__ import annotations
@@ -33,8 +34,8 @@ from renderers.raster.layout import (
     SmallTriangle,
     box_of,
 )
-from renderers.raster.primitive_setup import set_up_triangle
-from renderers.raster.tiny_triangles import has_room_for_tiny, is_tiny, rasterize_tiny
+from renderers.raster.primitive_setup import set_up_single_triangle
+from renderers.raster.tiny_triangles import can_rasterize_tiny, is_tiny, rasterize_tiny
 from renderers.raster.triangle_geometry import (
     Corners,
     EightTriangles,
@@ -56,85 +57,83 @@ class _Chosen(NamedTuple):
     """Which of eight triangles become primitives, a bit for each."""
 
     small: I64
-    large: I64
-    """Large, or to be clipped."""
+    single: I64
+    """Set up one by one: large, or to be clipped."""
     culled: I64
-    """Small back faces that are kept."""
+    """Culled back faces. Those of ``small`` that are left are kept."""
 
 
 @device_function
 def set_up_triangles(frame: RasterFrame, draw_index: I64, begin: I64, end: I64, chunk: Chunk) -> None:
     """Set up the triangles ``begin .. end`` of a draw's mesh, and append what may be visible to a Chunk."""
     vertices = advance(frame.vertices, 4 * frame.draws[draw_index].first_vertex)
-    for first in range(begin, end, vec.LANES):
+    for first_index in range(begin, end, vec.LANES):
         # Inlined: a call would cost a fifth of the time of triangles that are not visible.
-        _set_up_eight(frame, draw_index, vertices, first, min(end - first, vec.LANES), chunk)
+        _set_up_eight_triangles(frame, draw_index, vertices, first_index, min(end - first_index, vec.LANES), chunk)
 
 
 @inlined
-def _set_up_eight(
-    frame: RasterFrame, draw_index: I64, vertices: Pointer[F32], first: I64, count: I64, chunk: Chunk
+def _set_up_eight_triangles(
+    frame: RasterFrame, draw_index: I64, vertices: Pointer[F32], first_index: I64, count: I64, chunk: Chunk
 ) -> None:
-    """Set up at most eight triangles of a draw.
+    """Set up ``count`` triangles of a draw, at most eight, from ``first_index`` of its mesh on.
 
     Args:
         vertices: the draw's vertices, as for ``load_triangles``.
-        first: index of the first one in its mesh.
-        count: number of triangles.
     """
     draw = frame.draws[draw_index]
     # Load; drop what is behind the camera or beyond the far plane.
-    corners = load_triangles(draw, first, count, vertices)
-    in_front, clipped = _in_front(frame, corners.w, count), _needs_clipping(corners.w, count)
-    if vec.movemask(in_front | clipped) == 0:
+    corners = load_triangles(draw, first_index, count, vertices)
+    in_view, needs_clipping = _is_in_view(frame, corners.w, count), _needs_clipping(corners.w, count)
+    if vec.movemask(in_view | needs_clipping) == 0:
         return
 
-    # Snap; drop what is off the image. Corners of other lanes may be infinite: they become 0.
+    # Snap; drop what is off the image. Lanes not in view may hold infinities, which to_i32 cannot convert: 0 instead.
     zeros = vec.f32(0.0), vec.f32(0.0), vec.f32(0.0)
-    corners = Corners(select3(in_front, corners.x, zeros), select3(in_front, corners.y, zeros), corners.w)
+    corners = Corners(select3(in_view, corners.x, zeros), select3(in_view, corners.y, zeros), corners.w)
     gx, gy = snap_to_grid_3(corners.x), snap_to_grid_3(corners.y)
     box = bounding_box(gx, gy, frame.sample_reach)
-    in_image = in_front & overlaps_image(frame, box)
+    in_image = in_view & overlaps_image(frame, box)
 
     # Tell small from large.
-    fits = _fits_small(box, corners.w)
-    large_bits = vec.movemask((in_image & ~fits) | clipped)
+    fits_small = _fits_small(box, corners.w)
+    single_bits = vec.movemask((in_image & ~fits_small) | needs_clipping)
 
     # Cull small ones. The area of others has wrapped around, so that its sign means nothing.
     area = (gx[1] - gx[0]) * (gy[2] - gy[0]) - (gx[2] - gx[0]) * (gy[1] - gy[0])
     is_counterclockwise = area < vec.i32(0)
     sign = vec.select(is_counterclockwise, vec.i32(-1), vec.i32(1))
     is_culled = sign == vec.i32(draw.culled_sign)
-    small = in_image & fits & (area != vec.i32(0)) & (sign != vec.i32(draw.hidden_sign))
+    small = in_image & fits_small & (area != vec.i32(0)) & (sign != vec.i32(draw.hidden_sign))
     if frame.first_back_bin == 0:  # culled faces are not kept
         small = small & ~is_culled
-    if vec.movemask(small) == 0 and large_bits == 0:
+    if vec.movemask(small) == 0 and single_bits == 0:
         return
 
     # Edge functions, of corners in clockwise order, and planes of 1/z.
     triangles = EightTriangles(
-        ids=vec.i32(draw.first_id + first) + vec.iota(),
+        ids=vec.i32(draw.first_id + first_index) + vec.iota(),
         box=box,
         edges=edge_functions(_swap_last_two(is_counterclockwise, gx), _swap_last_two(is_counterclockwise, gy), box),
         plane=inv_z_plane(corners, box),
     )
 
-    # Draw tiny ones; the others become primitives. Culled ones that are left are kept back faces.
+    # Draw tiny ones; the others become primitives.
     small_bits = vec.movemask(small)
-    if has_room_for_tiny(frame, chunk):
+    if can_rasterize_tiny(frame, chunk):
         tiny = small & is_tiny(frame, box)
         if vec.movemask(tiny) != 0:
             rasterize_tiny(frame, triangles, tiny, is_culled, chunk)
             small_bits &= ~vec.movemask(tiny)
-    if small_bits | large_bits != 0:
+    if small_bits | single_bits != 0:
         field_rows = _field_rows_array()
         _store_field_rows(field_rows, triangles)
-        chosen = _Chosen(small=small_bits, large=large_bits, culled=vec.movemask(is_culled))
-        _append_primitives(frame, draw_index, first, chosen, field_rows, chunk)
+        chosen = _Chosen(small=small_bits, single=single_bits, culled=vec.movemask(is_culled))
+        _append_primitives(frame, draw_index, first_index, chosen, field_rows, chunk)
 
 
 @inlined
-def _in_front(frame: RasterFrame, w: F32x8x3, count: I64) -> Mask8:
+def _is_in_view(frame: RasterFrame, w: F32x8x3, count: I64) -> Mask8:
     """Return which of the first ``count`` triangles are within near and far plane and guard band with all corners."""
     is_used = vec.iota() < vec.i32(count)
     return is_used & (minimum_of_3(w) > vec.f32(0.0)) & (maximum_of_3(w) >= vec.f32(frame.inv_z_far))
@@ -187,16 +186,15 @@ def _store_field_rows(rows: Pointer[I32], triangles: EightTriangles) -> None:
 
 @inlined
 def _store_row(rows: Pointer[I32], field: I64, values: I32x8) -> None:
-    """Write one field of eight SmallTriangles."""
     vec.store(rows, vec.LANES * field, values)
 
 
 @inlined
 def _append_primitives(
-    frame: RasterFrame, draw_index: I64, first: I64, chosen: _Chosen, field_rows: Pointer[I32], chunk: Chunk
+    frame: RasterFrame, draw_index: I64, first_index: I64, chosen: _Chosen, field_rows: Pointer[I32], chunk: Chunk
 ) -> None:
-    """Append the chosen triangles to a Chunk in the order of their lanes; ``first``: index of lane 0 in its mesh."""
-    pending = chosen.small | chosen.large
+    """Append the chosen triangles to a Chunk in the order of their lanes; ``first_index``: of lane 0 in its mesh."""
+    pending = chosen.small | chosen.single
     while pending != 0:
         lane = vec.lowest_bit(pending)
         bit = i64(1) << lane
@@ -210,6 +208,6 @@ def _append_primitives(
             base_bin = frame.first_back_bin if bit & chosen.culled else 0
             first_bin, last_bin = bin_range(max(top, 0), min(top + row_count, frame.height), base_bin)
         else:
-            first_bin, last_bin = set_up_triangle(frame, draw_index, first + lane, primitive)
-            primitive.id = frame.draws[draw_index].first_id + first + lane
+            first_bin, last_bin = set_up_single_triangle(frame, draw_index, first_index + lane, primitive)
+            primitive.id = frame.draws[draw_index].first_id + first_index + lane
         append_primitive(chunk, first_bin, last_bin)

@@ -94,7 +94,7 @@ def interpolate(segment: Segment, begin: I64, end: I64) -> None:
         starts = _span_starts_after(start_bits, x)
         offsets = vec.load(span_offsets, vec.LANES * (starts & 127))
         column = vec.to_f32(pixel_columns(columns, x))
-        t = column - _span_values(spans.begin, 0, at, offsets)
+        t = column - _span_values(spans.first_column, 0, at, offsets)
         normal = (
             _along_span(spans.normal, 0, 3, at, offsets, t),
             _along_span(spans.normal, 1, 3, at, offsets, t),

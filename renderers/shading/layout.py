@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any, Final
 
-from renderers.compiler.kernel_types import F32, F64, I32, I64, U32, Pointer
+from renderers.compiler.kernel_types import F32, F64, I32, I64, U32, Address, Pointer
 from renderers.compiler.simd import LANES
 from renderers.compiler.structs import Struct, inline
 
@@ -65,7 +65,7 @@ class ShadingMaterial(Struct):
     vertex_colors: I64  # COLORS_ constant of materials
     uv_sets: I64  # bit 0: a texture reads uv0; bit 1: a texture reads uv1
     has_gradients: I64  # 1: shading reads uv_gradient
-    # Indices of TEXTUREs; -1: none.
+    # Indices of ShadingTextures; -1: none.
     base_color_texture: I64
     metallic_roughness_texture: I64
     normal_texture: I64
@@ -122,8 +122,8 @@ class ShadingInputs(Struct):
     linear_from_byte: Pointer[F32]  # color.LINEAR_FROM_BYTE
     linear_from_gamma: Pointer[F32]  # gamma.LINEAR_FROM_GAMMA
     span_offsets: Pointer[I32]  # spans.SPAN_OFFSETS
-    span_setup_kernel: I64  # address of span_setup.set_up_part
-    sampling_kernel: I64  # address of sampling.sample_texture
+    span_setup_kernel: Address  # span_setup.set_up_part
+    sampling_kernel: Address  # sampling.sample_texture
 
 
 def _spans(rows: int) -> Any:
@@ -139,7 +139,7 @@ def _pixels(rows: int) -> Any:
 class Spans(Struct):
     """Values that are linear along a span: rows of SPAN_STRIDE float32, one value per span."""
 
-    begin: Pointer[F32] = _spans(1)  # image column of the first pixel
+    first_column: Pointer[F32] = _spans(1)  # image column of the first pixel
     facing: Pointer[F32] = _spans(1)  # -1 where a back face is visible, else 1
     # Weighted sums of the vertices' attributes. The first half of the rows holds them at the first pixel of the
     # span, the second half their change per pixel.
@@ -194,12 +194,12 @@ class Segment(Struct):
 
     job: ShadingInputs
     y: I64  # row of the image
-    columns: I64  # address of the pixels' image columns, int32; 0: pixel k is in column k
+    columns: Address  # the pixels' image columns, int32; 0: pixel k is in column k
     # Spans of the row.
     start_bits: Pointer[I64]  # one bit per pixel, set where a span begins
-    starts: Pointer[I32]  # first pixel of each span; after the last span, the number of pixels
-    ids: Pointer[I32]  # primitive id of each span
-    row_ids: Pointer[I32]  # working memory of spans.find_spans
+    span_starts: Pointer[I32]  # first pixel of each span; after the last span, the number of pixels
+    span_ids: Pointer[I32]  # primitive id of each span
+    row_ids: Pointer[I32]  # working memory of spans.find_spans: the pixels' primitive ids
     # The part that is being shaded.
     spans: Spans
     pixels: ShadedPixels

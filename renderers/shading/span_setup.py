@@ -45,8 +45,8 @@ from renderers.shading.vec3 import cross, dot, minus, store3, times, to_f32x3, t
 _E_BITANGENT_SIGN: Final = E_TANGENT + 3
 _COLOR_COLUMNS: Final = 4
 _ALL_LANES: Final = (1 << vec.LANES) - 1
-_MIN_PREFETCHED: Final = 1 << 16
-"""Number of primitives of an instance from which vertices are prefetched: two megabytes of them."""
+_PREFETCH_MIN_PRIMITIVES: Final = 1 << 16
+"""Number of primitives from which an instance's vertices are prefetched: two megabytes of them."""
 Columns = TypeVar("Columns", F32x8x4, F32x8x8)
 """Colours, or V_COLUMNS or E_COLUMNS values, of one vertex of each of eight primitives."""
 
@@ -60,7 +60,7 @@ class Corners(NamedTuple, Generic[Columns]):
 
 
 class CornerIndices(NamedTuple):
-    """Indices of the three vertices of eight primitives: at ``positions`` behind each of three pointers."""
+    """Indices of the three vertices of eight primitives: those of lane k are ``a[positions[k]]``, b and c alike."""
 
     a: Pointer[U32]
     b: Pointer[U32]
@@ -68,47 +68,47 @@ class CornerIndices(NamedTuple):
     positions: I32x8
 
 
-class Halves(NamedTuple):
+class RowWeights(NamedTuple):
     """Weights of the three vertices for the two halves of a field's rows in Spans.
 
     They are those at the first pixel and their change per pixel, or, for gradients, their changes per column and row.
     """
 
-    first: F32x8x3
-    second: F32x8x3
+    top: F32x8x3
+    bottom: F32x8x3
 
 
 @device_function
-def set_up_spans(segment: Segment, span: I64, part_end_span: I64, end_span: I64) -> bool:
-    """Fill Spans with the spans ``span .. part_end_span`` of a segment that ends at ``end_span``; at most PART spans.
+def set_up_spans(segment: Segment, first_span: I64, part_end_span: I64, end_span: I64) -> bool:
+    """Fill Spans with the spans ``first_span .. part_end_span`` of a segment that ends at ``end_span``; at most PART.
 
     Returns:
         True if the normal is constant along each span.
     """
-    call_kernel(segment.job.span_setup_kernel, (address(segment), span, part_end_span, end_span))
+    call_kernel(segment.job.span_setup_kernel, (address(segment), first_span, part_end_span, end_span))
     return segment.has_constant_normals != 0
 
 
 @kernel
-def set_up_part(segment_address: Address, span: I64, part_end_span: I64, end_span: I64) -> None:
-    """``set_up_spans``, compiled once for all looks. Its result is in the segment's ``has_constant_normals``."""
+def set_up_part(segment_address: Address, first_span: I64, part_end_span: I64, end_span: I64) -> None:
+    """Kernel behind ``set_up_spans``, compiled once for all looks; the result is ``Segment.has_constant_normals``."""
     segment, has_constant_normals = Segment(segment_address), True
-    prefetches = segment.instance.topology == TRIANGLES and segment.end_id - segment.first_id > _MIN_PREFETCHED
-    for first in range(span, part_end_span, vec.LANES):
+    prefetches = segment.instance.topology == TRIANGLES and segment.end_id - segment.first_id > _PREFETCH_MIN_PRIMITIVES
+    for span in range(first_span, part_end_span, vec.LANES):
         if prefetches:
-            _prefetch(segment, first, end_span)
-        count = min(part_end_span - first, vec.LANES)
-        has_constant_normals = _set_up_eight(segment, first, count, first - span) and has_constant_normals
+            _prefetch(segment, span, end_span)
+        count = min(part_end_span - span, vec.LANES)
+        has_constant_normals = _set_up_eight_spans(segment, span, count, span - first_span) and has_constant_normals
     segment.has_constant_normals = has_constant_normals
 
 
 @inlined
 def _prefetch(segment: Segment, span: I64, end_span: I64) -> None:
-    """Prefetch vertices of the spans two batches ahead, and indices of those four batches ahead.
+    """Prefetch vertices of the eight spans 16 ahead of ``span``, and indices of those 32 ahead.
 
     Meshes of a million triangles do not fit the second-level cache: without this, frames take a third longer.
     """
-    primitive_ids, first_id = segment.ids, segment.first_id
+    primitive_ids, first_id = segment.span_ids, segment.first_id
     indices, vertices = segment.instance.indices, segment.instance.vertices
     for k in range(min(span + 2 * vec.LANES, end_span), min(span + 3 * vec.LANES, end_span)):
         first_index = 3 * (i64(primitive_ids[k]) - first_id)
@@ -119,8 +119,8 @@ def _prefetch(segment: Segment, span: I64, end_span: I64) -> None:
 
 
 @device_function
-def _set_up_eight(segment: Segment, span: I64, count: I64, at: I64) -> bool:
-    """Fill the columns ``at .. at + 8`` of Spans with ``count`` spans, 1 .. 8, from ``span`` on.
+def _set_up_eight_spans(segment: Segment, span: I64, count: I64, at: I64) -> bool:
+    """Set up ``count`` spans, 1 to 8, from ``span`` on, as the values ``at .. at + 8`` of the rows of Spans.
 
     Returns:
         True if the normal is constant along each span.
@@ -128,11 +128,13 @@ def _set_up_eight(segment: Segment, span: I64, count: I64, at: I64) -> bool:
     spans, material, attributes = segment.spans, segment.material, segment.attributes
     # Pixels and primitive. Lanes beyond the last span repeat it: the ids there belong to other instances.
     lane = vec.minimum(vec.iota(), vec.i32(count - 1))
-    primitive_id = vec.permute(vec.load(segment.ids, span), lane)
-    first_column = vec.permute(vec.load(segment.starts, span), lane)
-    step_count = vec.to_f64(vec.permute(vec.load(segment.starts, span + 1), lane) - first_column - vec.i32(1))
+    primitive_id = vec.permute(vec.load(segment.span_ids, span), lane)
+    first_pixel = vec.permute(vec.load(segment.span_starts, span), lane)
+    end_pixel = vec.permute(vec.load(segment.span_starts, span + 1), lane)
+    step_count = vec.to_f64(end_pixel - first_pixel - vec.i32(1))
+    first_column = first_pixel
     if segment.columns != 0:
-        first_column = vec.gather(i32_at(segment.columns), first_column)
+        first_column = vec.gather(i32_at(segment.columns), first_pixel)
 
     # Vertices, in the optical frame.
     corner_indices = _corner_indices(segment, primitive_id)
@@ -145,12 +147,13 @@ def _set_up_eight(segment: Segment, span: I64, count: I64, at: I64) -> bool:
     rays = rays_of(segment.job, segment.y, first_column, step_count)
     matrix, determinant, sign = weight_matrix(segment.instance.topology, p0, p1, p2, rays)
     weights = scaled_weights(matrix, sign, rays, step_count, segment.job)
-    along_span = Halves(first=weights.first, second=weights.per_pixel)
+    along_span = RowWeights(top=weights.first, bottom=weights.per_pixel)
+    # Clockwise as seen, a positive determinant, is the back, unless the transform mirrors.
     mirror = vec.f32(segment.matrices.mirror)
     facing = vec.select(determinant > vec.f64(0.0), -mirror, mirror)
 
     # Attributes that the mesh has and the material reads.
-    vec.store(spans.begin, at, vec.to_f32(first_column))
+    vec.store(spans.first_column, at, vec.to_f32(first_column))
     vec.store(spans.facing, at, facing)
     _store_weight_sums(advance(spans.weight_sum, at), along_span)
     has_constant_normals = True
@@ -205,13 +208,13 @@ def _load_colors(colors: Pointer[F32], corner_indices: CornerIndices) -> Corners
 
 @inlined
 def _weighted_sum(weights: F32x8x3, corners: Corners[Columns], k: I64) -> F32x8:
-    """Return the weighted sum of column ``k``."""
+    """Return the weighted sum of value ``k``."""
     return weights[0] * corners.a[k] + weights[1] * corners.b[k] + weights[2] * corners.c[k]
 
 
 @inlined
 def _weighted_sum3(weights: F32x8x3, corners: Corners[F32x8x8], k: I64) -> F32x8x3:
-    """Return the weighted sums of the columns k, k + 1 and k + 2."""
+    """Return the weighted sums of the values k, k + 1 and k + 2."""
     return (
         _weighted_sum(weights, corners, k),
         _weighted_sum(weights, corners, k + 1),
@@ -221,23 +224,23 @@ def _weighted_sum3(weights: F32x8x3, corners: Corners[F32x8x8], k: I64) -> F32x8
 
 @inlined
 def _store_attributes(
-    rows: Pointer[F32], count: I64, halves: Halves, corners: Corners[Columns], first_column: I64
+    rows: Pointer[F32], count: I64, row_weights: RowWeights, corners: Corners[Columns], first_value: I64
 ) -> None:
-    """Store the weighted sums of ``count`` columns: ``count`` rows for the first half, as many for the second."""
+    """Store the weighted sums of ``count`` values: ``count`` rows for the top half, as many for the bottom half."""
     for j in range(count):
-        vec.store(rows, j * SPAN_STRIDE, _weighted_sum(halves.first, corners, first_column + j))
-        vec.store(rows, (count + j) * SPAN_STRIDE, _weighted_sum(halves.second, corners, first_column + j))
+        vec.store(rows, j * SPAN_STRIDE, _weighted_sum(row_weights.top, corners, first_value + j))
+        vec.store(rows, (count + j) * SPAN_STRIDE, _weighted_sum(row_weights.bottom, corners, first_value + j))
 
 
 @inlined
-def _store_weight_sums(rows: Pointer[F32], halves: Halves) -> None:
+def _store_weight_sums(rows: Pointer[F32], row_weights: RowWeights) -> None:
     """Store the sums of the weights themselves, one row for each half."""
-    vec.store(rows, 0, halves.first[0] + halves.first[1] + halves.first[2])
-    vec.store(rows, SPAN_STRIDE, halves.second[0] + halves.second[1] + halves.second[2])
+    vec.store(rows, 0, row_weights.top[0] + row_weights.top[1] + row_weights.top[2])
+    vec.store(rows, SPAN_STRIDE, row_weights.bottom[0] + row_weights.bottom[1] + row_weights.bottom[2])
 
 
 @inlined
-def _store_normals(segment: Segment, at: I64, along_span: Halves, corners: Corners[F32x8x8], facing: F32x8) -> bool:
+def _store_normals(segment: Segment, at: I64, along_span: RowWeights, corners: Corners[F32x8x8], facing: F32x8) -> bool:
     """Store the normals of vertices; return True if they are constant along each span. ``facing``: as Spans.facing."""
     normals, matrix, k = advance(segment.spans.normal, at), segment.matrices.normal, V_NORMAL
     a, b, c = corners.a, corners.b, corners.c
@@ -247,7 +250,7 @@ def _store_normals(segment: Segment, at: I64, along_span: Halves, corners: Corne
     zero = vec.f32(0.0)
     start, change = (a[k], a[k + 1], a[k + 2]), (zero, zero, zero)
     if not is_constant:
-        start, change = _weighted_sum3(along_span.first, corners, k), _weighted_sum3(along_span.second, corners, k)
+        start, change = _weighted_sum3(along_span.top, corners, k), _weighted_sum3(along_span.bottom, corners, k)
     store3(normals, 0, SPAN_STRIDE, times(transform_directions(matrix, start), facing))
     store3(advance(normals, 3 * SPAN_STRIDE), 0, SPAN_STRIDE, times(transform_directions(matrix, change), facing))
     return is_constant
@@ -278,7 +281,7 @@ def _store_flat_normals(segment: Segment, at: I64, p0: F64x8x3, p1: F64x8x3, p2:
 @device_function
 def _store_gradients(segment: Segment, at: I64, weights: Weights, corners: Corners[F32x8x8]) -> None:
     """Store how the sum of the weights and the weighted sum of uv0 change per column and per row of the image."""
-    in_image = Halves(first=weights.per_column, second=weights.per_row)
+    in_image = RowWeights(top=weights.per_column, bottom=weights.per_row)
     _store_weight_sums(advance(segment.spans.weight_sum_gradient, at), in_image)
     if segment.attributes & HAS_UV0:
         _store_attributes(advance(segment.spans.uv_gradient, at), 2, in_image, corners, V_UV0)
@@ -289,10 +292,10 @@ def _store_extras(segment: Segment, at: I64, weights: Weights, extras: Corners[F
     """Store weighted sums of uv1 and of tangents."""
     spans, uv1 = segment.spans, UV_SET_ROWS * SPAN_STRIDE + at
     if segment.attributes & HAS_UV1:
-        along_span = Halves(first=weights.first, second=weights.per_pixel)
+        along_span = RowWeights(top=weights.first, bottom=weights.per_pixel)
         _store_attributes(advance(spans.uv, uv1), 2, along_span, extras, E_UV1)
         if segment.material.has_gradients != 0:
-            in_image = Halves(first=weights.per_column, second=weights.per_row)
+            in_image = RowWeights(top=weights.per_column, bottom=weights.per_row)
             _store_attributes(advance(spans.uv_gradient, uv1), 2, in_image, extras, E_UV1)
     if segment.attributes & HAS_TANGENTS:
         tangents = advance(spans.tangent, at)

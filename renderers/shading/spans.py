@@ -1,10 +1,10 @@
 """Spans: neighbouring pixels of a row that see one primitive. Segments: neighbouring spans of one instance.
 
-primitive ids   7 7 7 7 3 3 9 9 9 . . 7     instance A has the ids 0 .. 8, instance B those from 9 on
+primitive ids   7 7 7 7 3 3 9 9 9 . . 7     instance A has the ids 0 to 8, instance B those from 9 on
 start bits      1 0 0 0 1 0 1 0 0 1 0 1     ``find_spans``, 64 pixels in a word
 spans           |7      |3  |9    |.  |7
 segments        |A          |B    |   |A    ``next_segment``, which selects an instance and its material
-parts           |. . . . . .|                ``next_part``: at most PART pixels of a segment are shaded at a time
+parts           |           |               ``next_part``: at most PART pixels of a segment are shaded at a time
 """
 
 from __future__ import annotations
@@ -39,6 +39,7 @@ _BEYOND_ROW: Final = -(2**31)
 """Id of pixels beyond the row; differs from every primitive id and from NO_PRIMITIVE."""
 _WORD: Final = 64
 """Pixels whose start bits are one int64."""
+assert PART % _WORD == 0  # parts begin with a word
 _ALL_BITS: Final = -1
 _HIGHEST_BIT: Final = -(2**63)
 
@@ -48,8 +49,8 @@ class NextSegment(NamedTuple):
 
     end_span: I64
     """The span after it."""
-    instance: I64
-    """Index of the instance that it sees; for the background, of the one before."""
+    instance_index: I64
+    """Index of the instance that it sees; for the background, that of the one before."""
     is_background: bool
     """True: it sees no primitive, and no instance is selected."""
 
@@ -70,7 +71,7 @@ def begin_rows(segment: Segment, job: ShadingInputs, width: I64, spans: Spans, p
     max_spans = width + width // PART + 4 * vec.LANES
     segment.job, segment.spans, segment.pixels = job, spans, pixels
     segment.start_bits = i64_at(allocate(8 * (width // _WORD + 3)))
-    segment.starts, segment.ids = i32_at(allocate(4 * max_spans)), i32_at(allocate(4 * max_spans))
+    segment.span_starts, segment.span_ids = i32_at(allocate(4 * max_spans)), i32_at(allocate(4 * max_spans))
     segment.row_ids = i32_at(allocate(4 * (width + _WORD + 2 * vec.LANES)))
 
 
@@ -78,8 +79,8 @@ def begin_rows(segment: Segment, job: ShadingInputs, width: I64, spans: Spans, p
 def end_rows(segment: Segment) -> None:
     """Free the memory of ``begin_rows``."""
     release(address(segment.start_bits))
-    release(address(segment.starts))
-    release(address(segment.ids))
+    release(address(segment.span_starts))
+    release(address(segment.span_ids))
     release(address(segment.row_ids))
 
 
@@ -104,9 +105,9 @@ def find_spans(segment: Segment, y: I64, columns: Address, pixel_ids: Pointer[I3
             bits &= (i64(1) << (width - x)) - 1
         _append_spans(segment, x, bits, count)
         count += vec.count_bits(bits)
-    # Reads beyond the row find one more span, which begins at the row's end.
+    # For reads beyond the row: start bits, and its end as the start of a span after the last one.
     segment.start_bits[(width + _WORD - 1) // _WORD] = _ALL_BITS
-    vec.store(segment.starts, count, vec.i32(width))
+    vec.store(segment.span_starts, count, vec.i32(width))
     return count
 
 
@@ -137,10 +138,10 @@ def _append_spans(segment: Segment, x: I64, bits: I64, count: I64) -> None:
 
     Eight at a time, since a branch per span would be unpredictable; those beyond the last are overwritten later.
     """
-    ids, starts, span_ids = advance(segment.row_ids, vec.LANES), segment.starts, segment.ids
+    ids, starts, span_ids = advance(segment.row_ids, vec.LANES), segment.span_starts, segment.span_ids
     for first in range(count, count + vec.count_bits(bits), vec.LANES):
         for k in range(first, first + vec.LANES):
-            start = x + vec.lowest_bit(bits | _HIGHEST_BIT)
+            start = x + vec.lowest_bit(bits | _HIGHEST_BIT)  # which is defined when no bit is left, too
             starts[k], span_ids[k] = start, ids[start]
             bits &= bits - 1
 
@@ -166,28 +167,28 @@ def next_part(segment: Segment, span: I64, begin: I64, end: I64) -> tuple[I64, I
 
 
 @device_function
-def next_segment(segment: Segment, span: I64, span_count: I64, instance: I64) -> NextSegment:
+def next_segment(segment: Segment, span: I64, span_count: I64, instance_index: I64) -> NextSegment:
     """Select the instance that a span sees, and find the end of its segment.
 
     Args:
         span: index of the segment's first span in the row.
         span_count: number of spans of the row.
-        instance: index of the instance that is tried first.
+        instance_index: that of the instance that is tried first.
     """
-    job, span_ids = segment.job, segment.ids
+    job, span_ids = segment.job, segment.span_ids
     primitive_id = i64(span_ids[span])
-    first_id, end_id = i64(NO_PRIMITIVE), i64(NO_PRIMITIVE + 1)
+    first_id, end_id = i64(NO_PRIMITIVE), i64(NO_PRIMITIVE + 1)  # the background, as an instance of this one id
     is_background = primitive_id < 0
     if not is_background:
-        instance = instance_of(job.first_ids, job.instance_count, primitive_id, instance)
-        _select_instance(segment, instance)
+        instance_index = instance_of(job.first_ids, job.instance_count, primitive_id, instance_index)
+        _select_instance(segment, instance_index)
         first_id, end_id = segment.first_id, segment.end_id
     for first in range(span, span_count, vec.LANES):
         ids = vec.load(span_ids, first)
         outside = vec.movemask((ids < vec.i32(first_id)) | (ids >= vec.i32(end_id)))
         if outside != 0:
-            return NextSegment(min(first + vec.lowest_bit(outside), span_count), instance, is_background)
-    return NextSegment(i64(span_count), instance, is_background)
+            return NextSegment(min(first + vec.lowest_bit(outside), span_count), instance_index, is_background)
+    return NextSegment(i64(span_count), instance_index, is_background)
 
 
 @device_function

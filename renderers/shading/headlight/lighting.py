@@ -183,7 +183,8 @@ def fill_spans(segment: Segment, span: I64, part_end_span: I64, packed_row: Poin
     The segment is ``is_uniform_lambert`` and has constant normals along each span, as walls, floors and meshes without
     normals have. ``set_up_spans`` has filled Spans.
     """
-    base_color, normals, span_starts = broadcast3(segment.material.base_color, 0), segment.spans.normal, segment.starts
+    base_color, normals = broadcast3(segment.material.base_color, 0), segment.spans.normal
+    span_starts = segment.span_starts
     colors = _colors()
     for first in range(span, part_end_span, vec.LANES):
         r, g, b = times(base_color, _headlight_cosine(load3(normals, first - span, SPAN_STRIDE)))

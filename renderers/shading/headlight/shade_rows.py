@@ -25,7 +25,7 @@ def _shade_segment(
 
     It is done in parts of at most PART pixels, whose attributes stay in the first-level cache.
     """
-    starts, is_uniform, span = segment.starts, is_uniform_lambert(job, segment), first_span
+    starts, is_uniform, span = segment.span_starts, is_uniform_lambert(job, segment), first_span
     begin, end = i64(starts[first_span]), i64(starts[end_span])
     while begin < end:
         part_end, part_end_span = next_part(segment, span, begin, end)
@@ -64,14 +64,14 @@ def shade_rows(job_address: Address, ids_address: Address, row_begin: I64, row_e
     packed_row = i32_at(allocate(4 * (job.width + vec.LANES)))  # stores overrun it by up to seven pixels
     segment = Segment()
     begin_rows(segment, job.shading, job.width, Spans(), ShadedPixels())
-    span_starts, instance = segment.starts, i64(0)
+    span_starts, instance_index = segment.span_starts, i64(0)
     for y in range(row_begin, row_end):
         id_count, columns = _ids_of_row(job, y)
         ids = advance(i32_at(ids_address), (y - row_begin) * job.stride)
         span_count = find_spans(segment, y, columns, ids, id_count)
         span = i64(0)
         while span < span_count:
-            end_span, instance, is_background = next_segment(segment, span, span_count, instance)
+            end_span, instance_index, is_background = next_segment(segment, span, span_count, instance_index)
             if is_background:
                 write_background(job, y, i64(span_starts[span]), i64(span_starts[end_span]), packed_row)
             else:

@@ -140,7 +140,7 @@ def _gather(job: StudioInputs, segment: Segment, row: _StudioRow, span: I64, end
         fill = i64(COLOR_AND_ALPHA)
     elif row.mode == WRITE_ALPHA:
         fill = i64(ALPHA)
-    surfaces, starts = row.surfaces, segment.starts
+    surfaces, starts = row.surfaces, segment.span_starts
     begin, end = i64(starts[span]), i64(starts[end_span])
     while begin < end:
         part_end, part_end_span = next_part(segment, span, begin, end)
@@ -171,27 +171,27 @@ def _shade_row(
     ids: Pointer[I32],
     columns: I64,
     count: I64,
-    instance: I64,
+    instance_index: I64,
 ) -> I64:
     """Shade the pixels of one row and blend them into its accumulated row.
 
     Args:
         ids: pointer to the primitive ids of ``count`` pixels.
         columns: as in Segment.
-        instance: index of the instance that probably owns the first primitive.
+        instance_index: that of the instance that probably owns the first primitive.
 
     Returns:
-        Index of the last instance, as ``instance`` for the next row.
+        That of the last instance, as ``instance_index`` for the next row.
     """
     span_count = find_spans(segment, y, columns, ids, count)
     span = i64(0)
     while span < span_count:
-        end_span, instance, is_background = next_segment(segment, span, span_count, instance)
+        end_span, instance_index, is_background = next_segment(segment, span, span_count, instance_index)
         if not is_background:
             _gather(job, segment, row, span, end_span)
         span = end_span
     _light_and_blend(job, row)
-    return instance
+    return instance_index
 
 
 @inlined
@@ -251,7 +251,7 @@ def shade_rows(
     _clear(f32_at(address(surfaces)), _SURFACES_VALUES)  # loops overrun the gathered surfaces
     own_row, packed_row = f32_at(allocate(4 * 4 * channel_size)), i32_at(allocate(4 * channel_size))
     row.accumulated, row.surfaces, row.columns = own_row, surfaces, _new_columns()
-    instance, stop = i64(0), job.lighting.stop
+    instance_index, stop = i64(0), job.lighting.stop
     for y in range(row_begin, row_end):
         if is_set(stop):
             break
@@ -261,7 +261,7 @@ def shade_rows(
         else:
             _clear(row.accumulated, 4 * channel_size)
         ids = advance(i32_at(ids_address), band_row * stride)
-        instance = _shade_row(job, segment, row, y, ids, i64(0), width, instance)
+        instance_index = _shade_row(job, segment, row, y, ids, i64(0), width, instance_index)
         if mode == EDGES:
             mixed = advance(band.mixed, band_row * stride)
             _scale_mixed_pixels(row.accumulated, channel_size, mixed, band.mixed_counts[band_row])
@@ -269,7 +269,7 @@ def shade_rows(
             ids = advance(band.entry_ids, first_entry)
             columns, count = address(advance(band.entry_columns, first_entry)), i64(band.counts[band_row])
             row.weights = advance(band.entry_weights, first_entry)
-            instance = _shade_row(job, segment, row, y, ids, columns, count, instance)
+            instance_index = _shade_row(job, segment, row, y, ids, columns, count, instance_index)
         if target_address == 0:
             write_image_row(row.accumulated, output, y, width, packed_row)
     end_rows(segment)
