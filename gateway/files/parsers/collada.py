@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gateway.files.parsers.mesh_data import MeshData, MeshFaultError, MeshOptions, Shape, shape_of
+from gateway.files.parsers.polygons import triangles_of_polygons
 from gateway.files.parsers.texture_files import ReadFile, TextureFiles
 
 MAX_ELEMENTS: Final = 1_000_000
@@ -205,7 +206,7 @@ class _SceneReader:
     def _read_geometry(self, geometry: Any, materials: dict[str, Any]) -> Iterator[tuple[int, int]]:
         for primitive in geometry.primitives:
             if isinstance(primitive, collada.polylist.Polylist):
-                primitive = primitive.triangleset()
+                primitive = _triangle_set(primitive)
             if not isinstance(primitive, collada.triangleset.TriangleSet) or primitive.vertex is None:
                 continue
             count = len(primitive.vertex_index)
@@ -249,6 +250,18 @@ class _SceneReader:
         if transparent is not None and not isinstance(transparent, collada.material.Map):
             rgba = (*rgba[:3], _opacity(transparent, effect.opaque_mode))
         return rgba, image
+
+
+def _triangle_set(polygons: Any) -> Any:
+    """Return the triangles of a ``Polylist``, whose own method takes each polygon for convex."""
+    if polygons.vertex is None or not len(polygons.index):
+        return polygons.triangleset()
+    sizes, corners = polygons.vcounts.astype(np.int64), np.arange(len(polygons.index))
+    positions = _corners(polygons.vertex, polygons.vertex_index, "vertices")
+    triangles = triangles_of_polygons(corners, np.cumsum(sizes) - sizes, sizes, positions)
+    return collada.triangleset.TriangleSet(
+        polygons.sources, polygons.material, polygons.index[triangles], polygons.xmlnode
+    )
 
 
 def _geometry_of(node: Any) -> Any:

@@ -16,7 +16,7 @@ from trimesh.visual.material import SimpleMaterial
 
 from gateway.files.parsers.collada import read_collada
 from gateway.files.parsers.mesh_data import MeshData, MeshFaultError, MeshOptions, Shape, checked_triangles, shape_of
-from gateway.files.parsers.obj import with_absolute_faces, with_unit_colors, without_broken_faces
+from gateway.files.parsers.obj import with_absolute_faces, with_convex_faces, with_unit_colors, without_broken_faces
 from gateway.files.parsers.ply import (
     colors_of,
     faces_of,
@@ -96,7 +96,11 @@ def _read(read_file: ReadFile, data: bytes, extension: str, options: MeshOptions
 
     def load(data: bytes) -> Any:
         return trimesh.load_scene(
-            io.BytesIO(data), file_type=extension, resolver=resolver, process=False, allow_remote=False
+            io.BytesIO(with_convex_faces(data) if extension == "obj" else data),
+            file_type=extension,
+            resolver=resolver,
+            process=False,
+            allow_remote=False,
         )
 
     try:
@@ -195,18 +199,20 @@ def _shape(geometry: Any, textures: TextureFiles, warnings: list[str]) -> Shape 
     normals = geometry._cache.cache.get("vertex_normals")
     if normals is not None and len(normals) != len(positions):
         normals = None
-    face_colors = colors_of(ply, "face")
+    face_colors, faces = colors_of(ply, "face"), np.asarray(geometry.faces, np.int64).reshape(-1, 3)
+    ply_faces = faces_of(ply, positions)
     if image is not None:
         colors = None
-    elif face_colors is not None and (colors is None or (colors == colors[0]).all()):
-        triangles, face = faces_of(ply)
-        triangles = checked_triangles(np.column_stack((triangles, face)), len(positions), warnings)
+    elif face_colors is not None and ply_faces and (colors is None or (colors == colors[0]).all()):
+        triangles = checked_triangles(np.column_stack(ply_faces), len(positions), warnings)
         corners = triangles[:, :3].ravel()
         positions, normals = positions[corners], None if normals is None else normals[corners]
         colors = face_colors[triangles[:, 3]].repeat(3, axis=0)
         triangles = np.arange(len(corners)).reshape(-1, 3)
         return shape_of(positions, triangles, warnings, normals=normals, colors=colors)
-    triangles = checked_triangles(np.asarray(geometry.faces, np.int64).reshape(-1, 3), len(positions), warnings)
+    if ply_faces and ply["vertex"]["length"] == len(positions):  # trimesh's polygons are fans
+        faces = ply_faces[0]
+    triangles = checked_triangles(faces, len(positions), warnings)
     shape = shape_of(positions, triangles, warnings, normals=normals, uv=uv, colors=colors, color=color, image=image)
     if shape is not None and color is not None:
         shape.emission = _mtl_emission(geometry.visual.material)

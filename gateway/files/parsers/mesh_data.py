@@ -89,30 +89,6 @@ def checked_triangles(faces: NDArray[np.int64], vertex_count: int, warnings: lis
     return faces[is_valid]
 
 
-def triangles_of_polygons(
-    indices: NDArray[np.int64], starts: NDArray[np.int64], sizes: NDArray[np.int64]
-) -> NDArray[np.int64]:
-    """Return the (M, 3) triangles of convex polygons as fans.
-
-    ``starts``, ``sizes``: (N,), place of the first vertex of each in ``indices``, and number of its vertices.
-    """
-    counts = np.maximum(sizes - 2, 0)
-    first = np.repeat(starts, counts)
-    second = first + 1 + np.arange(len(first)) - np.repeat(np.cumsum(counts) - counts, counts)
-    return np.column_stack((indices[first], indices[second], indices[second + 1]))
-
-
-def triangles_of_strip(strip: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Return the (M, 3) triangles of (N,) indices. -1 starts the next strip, as in scans of Stanford."""
-    place = np.arange(len(strip))
-    in_strip = place - np.maximum.accumulate(np.where(strip == -1, place + 1, 0))
-    triangles = np.column_stack((strip[:-2], strip[1:-1], strip[2:]))
-    is_odd = in_strip[:-2] % 2 == 1
-    triangles[is_odd] = triangles[is_odd][:, ::-1]
-    whole: NDArray[np.int64] = triangles[(triangles != -1).all(axis=1)]
-    return whole
-
-
 def shape_of(
     positions: ArrayLike,
     triangles: NDArray[np.int64] | None,

@@ -3,7 +3,10 @@
 import re
 from typing import Final
 
+import numpy as np
+
 from gateway.files.parsers.mesh_data import MeshFaultError
+from gateway.files.parsers.polygons import ears_of_concave_polygons
 
 _CORNER: Final = re.compile(rb"(\d{1,9})(?:/(\d{1,9})?)?(?:/(\d{1,9})?)?")
 """Corner of a face with absolute indices: vertex, texture coordinates and normal, counted from 1."""
@@ -16,6 +19,10 @@ _CONTINUED: Final = re.compile(rb"\\[\r\n]")
 _NEGATIVE: Final = re.compile(rb"-\d{1,9}")
 _VERTEX: Final = re.compile(rb"^[ \t]*v[ \t][^\r\n]*", re.MULTILINE)
 _COLORED_VERTEX: Final = re.compile(rb"^([ \t]*v(?:[ \t]+\S+){3})[ \t]+(\S+)[ \t]+(\S+)[ \t]+(\S+)", re.MULTILINE)
+_POSITION: Final = re.compile(rb"^[ \t]*v((?:[ \t]+[^\s]+){3})", re.MULTILINE)
+_POLYGON: Final = re.compile(rb"^[ \t]*f(?=[ \t])((?:[ \t]+[\d/]+){4,})[ \t]*(?:#[^\r\n]*)?\r?$", re.MULTILINE)
+"""Face with four or more corners."""
+_OTHER_INDICES: Final = re.compile(rb"/[\d/]*")
 _MISSING: Final = 999_999_999
 """Index that trimesh refuses; one below 1 would count from the end of the file."""
 
@@ -38,6 +45,31 @@ def with_absolute_faces(data: bytes) -> bytes:
         elif statement and statement[0] in counts:
             counts[statement[0]] += 1
     return b"\n".join(lines)
+
+
+def with_convex_faces(data: bytes) -> bytes:
+    """Return a file of ``with_absolute_faces`` with triangles in place of concave faces: trimesh makes fans."""
+    faces: list[bytes] = _POLYGON.findall(data)
+    if not faces:
+        return data
+    lines = [line.split() for line in _OTHER_INDICES.sub(b"", b"\n".join(faces)).split(b"\n")]
+    sizes = np.array([len(line) for line in lines], np.int64)
+    indices = np.array([index for line in lines for index in line], np.int64) - 1
+    positions = np.array([line.split() for line in _POSITION.findall(data)], np.float64)
+    triangles = dict(ears_of_concave_polygons(indices, np.cumsum(sizes) - sizes, sizes, positions))
+    number = -1
+
+    def cut(match: re.Match[bytes]) -> bytes:
+        nonlocal number
+        number += 1
+        if number not in triangles:
+            return match[0]
+        corners = match[1].split()
+        return b"\n".join(
+            b"f %s %s %s" % tuple(corners[corner] for corner in ear) for ear in triangles[number].tolist()
+        )
+
+    return _POLYGON.sub(cut, data)
 
 
 def with_unit_colors(data: bytes) -> bytes:

@@ -12,7 +12,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from gateway.files.parsers.mesh_data import triangles_of_polygons, triangles_of_strip
+from gateway.files.parsers.polygons import triangles_of_polygons, triangles_of_strip
 
 _CODES: Final = {
     "char": "b",
@@ -150,12 +150,15 @@ def with_triangles(data: bytes) -> bytes:
     if is_plain:
         return data
     text, body = "\n".join(lines[: elements[0].line]), b""
+    positions = np.zeros((0, 3))
     for element, place in zip(elements, places, strict=False):
         if element is drawn or element.name == "vertex":
             lengths, starts, _ = unequal.get(element.name) or _values(data, place, element)
             columns = _scalars(data, place, element, lengths, starts)
             if element is drawn:
-                columns = _triangles(data, element, lengths, starts, columns, order)
+                columns = _triangles(data, element, lengths, starts, positions, columns, order)
+            elif {"x", "y", "z"} <= dict(columns).keys():
+                positions = np.column_stack([dict(columns)[axis] for axis in "xyz"])
             element_text, rows = _table("face" if element is drawn else "vertex", columns)
             text, body = f"{text}\n{element_text}", body + rows
     return f"{text}\nend_header\n".encode("latin-1") + body
@@ -166,18 +169,19 @@ def _triangles(
     element: _Element,
     all_lengths: NDArray[np.int64],
     places: NDArray[np.int64],
+    positions: NDArray[np.floating[Any]],
     scalars: list[tuple[str, NDArray[Any]]],
     order: str,
 ) -> list[tuple[str, NDArray[Any]]]:
     """Return names and values of the triangles' properties: ``vertex_indices``, (M, 3), and the scalars of faces, (M,).
 
-    Lengths and places are those of ``_values``. Raises ValueError if there are none.
+    Lengths and places are those of ``_values``, ``positions`` of the vertices. Raises ValueError if there are none.
     """
     index_list, index = element.index_list()
     lengths = all_lengths[:, index_list]
     indices = _array(data, lengths, places[:, index_list], index).astype(np.int64)
     if element.name == "face":
-        triangles = triangles_of_polygons(indices, np.cumsum(lengths) - lengths, lengths)
+        triangles = triangles_of_polygons(indices, np.cumsum(lengths) - lengths, lengths, positions)
         face = np.repeat(np.arange(len(lengths)), np.maximum(lengths - 2, 0))
         scalars = [(name, values[face]) for name, values in scalars]
     else:
@@ -334,14 +338,25 @@ def srgb_bytes(values: NDArray[Any]) -> NDArray[np.uint8]:
     return np.rint(np.clip(numbers / full, 0.0, 1.0) * 255.0).astype(np.uint8)
 
 
-def faces_of(raw: dict[str, Any]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Return the triangles of faces as trimesh reads them, (M, 3), and the face of each, (M,)."""
-    data = raw["face"]["data"]
-    name = next(each for each in _INDEX_NAMES if each in (data if isinstance(data, dict) else data.dtype.names))
+def faces_of(
+    raw: dict[str, Any], positions: NDArray[np.floating[Any]]
+) -> tuple[NDArray[np.int64], NDArray[np.int64]] | None:
+    """Return the triangles of faces as trimesh reads them, (M, 3), and the face of each, (M,); None without faces."""
+    data = raw.get("face", {}).get("data")
+    if data is None:
+        return None
+    name = next((each for each in _INDEX_NAMES if each in (data if isinstance(data, dict) else data.dtype.names)), None)
+    if name is None:
+        return None
     corners = data[name] if isinstance(data, dict) else data[name]["f1"]
-    sizes = np.array([len(each) for each in corners], np.int64)
-    indices = np.concatenate(list(corners)).astype(np.int64)
-    triangles = triangles_of_polygons(indices, np.cumsum(sizes) - sizes, sizes)
+    if not len(corners):
+        return None
+    if isinstance(corners, np.ndarray) and corners.ndim == 2:
+        indices, sizes = corners.ravel().astype(np.int64), np.full(len(corners), corners.shape[1])
+    else:
+        indices = np.concatenate(list(corners)).astype(np.int64)
+        sizes = np.array([len(each) for each in corners], np.int64)
+    triangles = triangles_of_polygons(indices, np.cumsum(sizes) - sizes, sizes, positions)
     return triangles, np.repeat(np.arange(len(sizes)), np.maximum(sizes - 2, 0))
 
 

@@ -10,7 +10,8 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from gateway.files.parsers.mesh_data import MeshFaultError, triangles_of_polygons, triangles_of_strip
+from gateway.files.parsers.mesh_data import MeshFaultError
+from gateway.files.parsers.polygons import triangles_of_polygons, triangles_of_strip
 
 _STRIP, _POLYGON, _PIXEL, _QUAD = 6, 7, 8, 9
 _TETRAHEDRON, _VOXEL, _HEXAHEDRON, _WEDGE, _PYRAMID = range(10, 15)
@@ -187,7 +188,7 @@ def read_vtk(
         warnings.append(f"its colours are left out: {error}")
     if np.isin(cells[2], _VERTICES).all():
         return positions, None, None if colors is None or colors[0] else colors[1]
-    triangles, cell = np.split(_triangles(*cells, max_triangles, warnings), [3], axis=1)
+    triangles, cell = np.split(_triangles(*cells, positions, max_triangles, warnings), [3], axis=1)
     if triangles.size and not (triangles.min() >= 0 and triangles.max() < len(positions)):
         worst = int(triangles.min()) if triangles.min() < 0 else int(triangles.max())
         raise MeshFaultError(f"a cell refers to point {worst} of {len(positions)}")
@@ -225,9 +226,14 @@ def _cells(parser: _Parser, limit: int) -> tuple[NDArray[np.int64], NDArray[np.i
 
 
 def _triangles(
-    points: NDArray[np.int64], sizes: NDArray[np.int64], types: NDArray[np.int64], limit: int, warnings: list[str]
+    points: NDArray[np.int64],
+    sizes: NDArray[np.int64],
+    types: NDArray[np.int64],
+    positions: NDArray[np.float32],
+    limit: int,
+    warnings: list[str],
 ) -> NDArray[np.int64]:
-    """Return the triangles of cells and the cell of each, (M, 4): polygons as fans, strips, the boundary of volumes.
+    """Return the triangles of cells and the cell of each, (M, 4): of polygons, strips, the boundary of volumes.
 
     ``points``: those of all cells; ``sizes``, ``types``: number of points and type of each. A warning is added if cells
     are left out.
@@ -253,7 +259,7 @@ def _triangles(
     total = int((sizes[is_polygon | is_strip] - 2).sum())
     if total > limit:
         raise MeshFaultError(f"it has {total} triangles, the limit is {limit}")
-    polygons = triangles_of_polygons(points, starts[is_polygon], sizes[is_polygon])
+    polygons = triangles_of_polygons(points, starts[is_polygon], sizes[is_polygon], positions)
     ends = starts[is_strip] + sizes[is_strip]
     strips = [np.append(points[start:end], -1) for start, end in zip(starts[is_strip], ends, strict=True)]
     flat = np.concatenate((polygons, triangles_of_strip(np.concatenate([[-1], *strips]))))

@@ -371,6 +371,53 @@ def test_a_polygon_of_a_million_corners_is_a_fan() -> None:
     assert f"it has {numbers - 2} triangles, the limit is 999999" in fault(data, "vtk", max_elements=999_999)
 
 
+NOTCHED = ((2, 1), (1, 1), (1, 2), (0, 2), (0, 0), (2, 0))
+"""Corners of a polygon with an area of 3. As a fan from the first one it has 4."""
+KEYHOLE = ((0, 0), (4, 0), (4, 4), (0, 4), (0, 0), (1, 1), (1, 3), (3, 3), (3, 1), (1, 1))
+"""A square with a square hole, which an edge joins to it: the area is 12."""
+POLYLIST = """<polylist count="1"><input semantic="VERTEX" source="#v" offset="0"/><vcount>{count}</vcount>
+<p>{indices}</p></polylist>"""
+
+
+@pytest.mark.parametrize(("corners", "area"), [(NOTCHED, 3.0), (KEYHOLE, 12.0)])
+@pytest.mark.parametrize("extension", ["obj", "ply", "binary ply", "dae", "vtk"])
+def test_concave_polygons_keep_their_area(corners: tuple[tuple[int, int], ...], area: float, extension: str) -> None:
+    count, flat = len(corners), " ".join(f"{x} 0 {-y}" for x, y in corners)
+    indices, points = " ".join(map(str, range(count))), struct.pack(f"<{3 * count}f", *map(float, flat.split()))
+    vertices = (f"element vertex {count}", "property float x", "property float y", "property float z")
+    faces = ("element face 1", "property list uchar uchar vertex_indices")
+    ply = "\n".join(("ply", "format {}", *vertices, *faces, "end_header", ""))
+    face = bytes((count, *range(count)))
+    data: dict[str, str | bytes] = {
+        "obj": "".join(f"v {x} 0 {-y}\n" for x, y in corners)
+        + "vn 0 1 0\nf "
+        + " ".join(f"{number + 1}//1" for number in range(count)),
+        "ply": ply.format("ascii 1.0") + "".join(f"{x} 0 {-y}\n" for x, y in corners) + f"{count} {indices}\n",
+        "binary ply": ply.format("binary_little_endian 1.0").encode() + points + face,
+        "dae": PLAIN.replace("0 0 0 1 0 0 0 2 0", flat)
+        .replace('count="9"', f'count="{3 * count}"')
+        .replace('count="3"', f'count="{count}"')
+        .replace(
+            PLAIN[PLAIN.index("<triangles") : PLAIN.index("</mesh>")], POLYLIST.format(count=count, indices=indices)
+        ),
+        "vtk": VTK.decode() + f"POINTS {count} float\n{flat}\nPOLYGONS 1 {count + 1}\n{count} {indices}\n",
+    }
+    (shape,) = content(data[extension], extension.split()[-1]).shapes
+    assert shape.triangles is not None
+    triangles = np.frombuffer(shape.positions, np.float32).reshape(-1, 3)[
+        np.frombuffer(shape.triangles, np.uint32).reshape(-1, 3)
+    ]
+    a, b, c = triangles.transpose(1, 0, 2)
+    assert len(triangles) == count - 2
+    assert np.linalg.norm(np.cross(b - a, c - a), axis=1).sum() / 2.0 == pytest.approx(area)
+
+
+def test_polygons_that_cross_themselves_are_drawn() -> None:
+    star = "v 0 3 0\nv 2 -3 0\nv -3 1 0\nv 3 1 0\nv -2 -3 0\nv 0 -9 0\nf 1 2 3 4 5 6\n"
+    (shape,) = content(star, "obj").shapes
+    assert len(shape.triangles or b"") == 12 * 4
+
+
 @pytest.mark.parametrize(
     "data",
     [VTK + b" " * 20_000_000, VTK + b"x" * 20_000_000, VTK + b"POINTS 1 float 0 0 0\n" * 100_000],

@@ -1,0 +1,118 @@
+"""Triangles of polygons and of strips."""
+
+from collections.abc import Iterator
+from itertools import pairwise
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+MAX_CONCAVE_CORNERS: Final = 5_000
+"""Maximum number of corners of a concave polygon that is cut into ears, which takes quadratic time; others are fans."""
+_MIN_REFLEX: Final = 1e-4
+"""Minimum sine of the angle by which a corner turns inwards: rounded corners on a straight line turn by less."""
+_POLYGONS_AT_ONCE: Final = 65_536
+
+
+def triangles_of_polygons(
+    indices: NDArray[np.int64],
+    starts: NDArray[np.int64],
+    sizes: NDArray[np.int64],
+    positions: NDArray[np.floating[Any]],
+) -> NDArray[np.int64]:
+    """Return the (M, 3) triangles of polygons, one polygon after the other: two fewer than it has corners, or none.
+
+    Convex polygons are fans. Concave ones are cut into ears.
+
+    Args:
+        indices: vertices of the polygons.
+        starts, sizes: (N,) place of the first vertex of each in ``indices``, and number of its vertices.
+        positions: (V, 3) of the vertices. A polygon with a vertex that does not exist is a fan.
+    """
+    counts = np.maximum(sizes - 2, 0)
+    first = np.repeat(starts, counts)
+    second = first + 1 + np.arange(len(first)) - np.repeat(np.cumsum(counts) - counts, counts)
+    places = np.column_stack((first, second, second + 1))
+    ends = np.cumsum(counts)
+    for polygon, ears in ears_of_concave_polygons(indices, starts, sizes, positions):
+        places[ends[polygon] - len(ears) : ends[polygon]] = starts[polygon] + ears
+    triangles: NDArray[np.int64] = indices[places]
+    return triangles
+
+
+def ears_of_concave_polygons(
+    indices: NDArray[np.int64],
+    starts: NDArray[np.int64],
+    sizes: NDArray[np.int64],
+    positions: NDArray[np.floating[Any]],
+) -> Iterator[tuple[int, NDArray[np.int64]]]:
+    """Yield the number of each concave polygon, and its triangles, (size - 2, 3), as places in the polygon.
+
+    Arguments are those of ``triangles_of_polygons``.
+    """
+    for size in np.unique(sizes[(sizes > 3) & (sizes <= MAX_CONCAVE_CORNERS)]).tolist():
+        polygons = np.flatnonzero(sizes == size)
+        for some in np.array_split(polygons, len(polygons) * size // _POLYGONS_AT_ONCE + 1):
+            vertices = indices[starts[some][:, None] + np.arange(size)]
+            exists = ((vertices >= 0) & (vertices < len(positions))).all(axis=1)
+            corners = np.asarray(positions[vertices[exists]], np.float64)
+            with np.errstate(all="ignore"):
+                corners = corners - corners[:, :1]
+                edges = np.roll(corners, -1, axis=1) - corners
+                before = np.roll(edges, 1, axis=1)
+                normals = np.cross(corners, np.roll(corners, -1, axis=1)).sum(axis=1)
+                scales = np.linalg.norm(normals, axis=1)[:, None] * np.linalg.norm(edges, axis=2)
+                scales *= np.linalg.norm(before, axis=2)
+                turns = np.einsum("pci,pi->pc", np.cross(before, edges), normals)
+                is_concave = (turns < -_MIN_REFLEX * scales).any(axis=1) & np.isfinite(scales).all(axis=1)
+            for number in np.flatnonzero(is_concave).tolist():
+                axis = int(np.abs(normals[number]).argmax())
+                plane = [(axis + 1) % 3, (axis + 2) % 3][:: 1 if normals[number, axis] > 0.0 else -1]
+                yield int(some[exists][number]), _ears(corners[number][:, plane])
+
+
+def _ears(corners: NDArray[np.float64]) -> NDArray[np.int64]:
+    """Return the (N - 2, 3) triangles of a polygon of (N, 2) counter-clockwise corners, by cutting off its ears.
+
+    An ear is a corner whose triangle has no other corner inside. What has none, since it crosses itself, is a fan.
+    """
+    left = list(range(len(corners)))
+    triangles: list[tuple[int, int, int]] = []
+    place = failed = 0
+    while len(left) > 3 and failed < len(left):
+        place %= len(left)
+        ear = left[place - 1], left[place], left[(place + 1) % len(left)]
+        if _is_ear(corners, left, ear):
+            triangles.append(ear)
+            del left[place]
+            place, failed = max(place - 1, 0), 0
+        else:
+            place, failed = place + 1, failed + 1
+    triangles += [(left[0], second, third) for second, third in pairwise(left[1:])]
+    return np.array(triangles, np.int64)
+
+
+def _is_ear(corners: NDArray[np.float64], left: list[int], ear: tuple[int, int, int]) -> bool:
+    a, b, c = corners[list(ear)]
+    if _turn(a, b, c) <= 0.0:
+        return False
+    others = corners[left]
+    is_inside = (_turn(a, b, others) >= 0.0) & (_turn(b, c, others) >= 0.0) & (_turn(c, a, others) >= 0.0)
+    at_ear = (others == a).all(axis=1) | (others == b).all(axis=1) | (others == c).all(axis=1)
+    return not (is_inside & ~at_ear).any()
+
+
+def _turn(a: NDArray[np.float64], b: NDArray[np.float64], c: NDArray[np.float64]) -> Any:
+    """Return twice the area of triangles, positive if they are counter-clockwise. Points are (..., 2)."""
+    return (b[..., 0] - a[..., 0]) * (c[..., 1] - a[..., 1]) - (b[..., 1] - a[..., 1]) * (c[..., 0] - a[..., 0])
+
+
+def triangles_of_strip(strip: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Return the (M, 3) triangles of (N,) indices. -1 starts the next strip, as in scans of Stanford."""
+    place = np.arange(len(strip))
+    in_strip = place - np.maximum.accumulate(np.where(strip == -1, place + 1, 0))
+    triangles = np.column_stack((strip[:-2], strip[1:-1], strip[2:]))
+    is_odd = in_strip[:-2] % 2 == 1
+    triangles[is_odd] = triangles[is_odd][:, ::-1]
+    whole: NDArray[np.int64] = triangles[(triangles != -1).all(axis=1)]
+    return whole
