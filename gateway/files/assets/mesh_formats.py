@@ -1,5 +1,6 @@
 """Parses mesh files: glTF here, other formats in a limited child process (``gateway.files.parsers``)."""
 
+import contextlib
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 from typing import Final
@@ -169,16 +170,27 @@ def decodable_texture(data: bytes) -> bytes:
 
 
 def _with_warnings(resolve: ReadReferencedFile, warnings: list[str]) -> ReadReferencedFile:
-    """Return ``resolve`` with a warning about each file for which it raises an error."""
+    """Return ``resolve`` with a warning about each file for which it raises an error.
+
+    A file that is named by its path on another machine is looked for beside the mesh file.
+    """
+
+    def warn(text: str) -> None:
+        if text not in warnings:
+            warnings.append(text)
 
     def resolve_or_warn(name: str) -> bytes:
         try:
             return resolve(name)
         except (OSError, ValueError) as error:
+            beside = name.replace("\\", "/").rpartition("/")[2]
+            if beside != name:
+                with contextlib.suppress(OSError, ValueError):
+                    data = resolve(beside)
+                    warn(f"{name[:120]!r} is missing, {beside[:120]!r} beside the file is used")
+                    return data
             reason = error.strerror if isinstance(error, OSError) and error.strerror else str(error)
-            text = f"{name[:120]!r} is left out: {reason}"
-            if text not in warnings:
-                warnings.append(text)
+            warn(f"{name[:120]!r} is left out: {reason}")
             raise
 
     return resolve_or_warn

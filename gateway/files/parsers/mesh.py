@@ -1,4 +1,4 @@
-"""Reads mesh files: OBJ, STL and PLY with trimesh, COLLADA with pycollada, VTK with our own parser."""
+"""Reads mesh files: OBJ and PLY with trimesh, COLLADA with pycollada, STL and VTK with our own parsers."""
 
 from __future__ import annotations
 
@@ -16,7 +16,13 @@ from trimesh.visual.material import SimpleMaterial
 
 from gateway.files.parsers.collada import read_collada
 from gateway.files.parsers.mesh_data import MeshData, MeshFaultError, MeshOptions, Shape, checked_triangles, shape_of
-from gateway.files.parsers.obj import with_absolute_faces, with_convex_faces, with_unit_colors, without_broken_faces
+from gateway.files.parsers.obj import (
+    with_absolute_faces,
+    with_convex_faces,
+    with_plain_blanks,
+    with_unit_colors,
+    without_broken_faces,
+)
 from gateway.files.parsers.ply import (
     colors_of,
     faces_of,
@@ -26,6 +32,7 @@ from gateway.files.parsers.ply import (
     with_triangles,
     with_used_coordinates,
 )
+from gateway.files.parsers.stl import read_stl
 from gateway.files.parsers.texture_files import ReadFile, TextureFiles
 from gateway.files.parsers.vtk import read_vtk
 
@@ -74,9 +81,13 @@ def _make_visible(content: MeshData) -> None:
 
 
 def _read(read_file: ReadFile, data: bytes, extension: str, options: MeshOptions) -> MeshData:
-    if extension == "vtk":
+    if extension in ("stl", "vtk"):
         content = MeshData()
-        positions, triangles, colors = read_vtk(data, options.max_vertices, options.max_elements, content.warnings)
+        if extension == "stl":
+            positions, colors = read_stl(data, options.max_elements, content.warnings)
+            triangles: NDArray[np.int64] | None = np.arange(len(positions)).reshape(-1, 3)
+        else:
+            positions, triangles, colors = read_vtk(data, options.max_vertices, options.max_elements, content.warnings)
         shape = shape_of(positions, triangles, content.warnings, colors=colors)
         if shape is not None:
             content.shapes, content.instances = [shape], [(0, _IDENTITY)]
@@ -85,7 +96,7 @@ def _read(read_file: ReadFile, data: bytes, extension: str, options: MeshOptions
         return read_collada(data, read_file, options)
     libraries: list[str] = []
     if extension == "obj":
-        original = data
+        original = data = with_plain_blanks(data)
         libraries = [line.decode("utf-8", "replace").strip() for line in _LIBRARIES.findall(data)]
         data = with_unit_colors(with_absolute_faces(data))
     result = MeshData()
@@ -151,7 +162,8 @@ class _Resolver(trimesh.resolvers.Resolver):
             data = self._read_file(name)
         except OSError:
             return b""
-        data = _GRAY.sub(rb"\1 \2 \2 \2", _COMMENT.sub(rb"\1", data.replace(b"\r\n", b"\n")))
+        data = with_plain_blanks(data.replace(b"\r\n", b"\n"))
+        data = _GRAY.sub(rb"\1 \2 \2 \2", _COMMENT.sub(rb"\1", data))
         self.materials |= {material.strip() for material in _DEFINED_MATERIAL.findall(data)}
         return data
 
@@ -235,7 +247,8 @@ def _vertex_colors(geometry: Any) -> NDArray[np.uint8] | None:
 
 def _texture_name(statement: str) -> str:
     """Return the file name in a statement of an MTL file, without the options before it."""
-    return _TEXTURE_OPTION.sub("", statement) if statement.startswith("-") else statement
+    name = _TEXTURE_OPTION.sub("", statement) if statement.startswith("-") else statement
+    return name[1:-1] if name[:1] == name[-1:] == '"' else name
 
 
 def _placed(uv: Any, statement: str, warnings: list[str]) -> NDArray[np.float64]:

@@ -23,8 +23,14 @@ _POSITION: Final = re.compile(rb"^[ \t]*v((?:[ \t]+[^\s]+){3})", re.MULTILINE)
 _POLYGON: Final = re.compile(rb"^[ \t]*f(?=[ \t])((?:[ \t]+[\d/]+){4,})[ \t]*(?:#[^\r\n]*)?\r?$", re.MULTILINE)
 """Face with four or more corners."""
 _OTHER_INDICES: Final = re.compile(rb"/[\d/]*")
+_INDENTATION: Final = re.compile(rb"^ +(?=\S)", re.MULTILINE)
 _MISSING: Final = 999_999_999
 """Index that trimesh refuses; one below 1 would count from the end of the file."""
+
+
+def with_plain_blanks(data: bytes) -> bytes:
+    """Return an OBJ or MTL file without a byte order mark and indentation, and with spaces in place of tabs."""
+    return _INDENTATION.sub(b"", data.removeprefix(b"\xef\xbb\xbf").replace(b"\t", b" "))
 
 
 def with_absolute_faces(data: bytes) -> bytes:

@@ -165,6 +165,11 @@ def read_vtk(
     sizes: list[NDArray[np.int64]] = []
     types: list[NDArray[np.int64]] = []
     while word := parser.word():
+        if word == b"dataset" and (kind := parser.word()) not in (b"polydata", b"unstructured_grid"):
+            name = kind.decode("ascii", "replace").upper()[:40]
+            raise MeshFaultError(
+                f"its data set is {name}, only POLYDATA and UNSTRUCTURED_GRID have surfaces that are read"
+            )
         if word == b"points":
             count = parser.count(max_vertices)
             positions = parser.numbers(parser.word(), 3 * count).reshape(count, 3).astype(np.float32)

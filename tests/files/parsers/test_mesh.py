@@ -427,6 +427,19 @@ def test_vtk_is_read_in_linear_time(data: bytes) -> None:
     assert fault(data, "vtk") == "it has no points or no cells"
 
 
+@pytest.mark.parametrize("blanks", ["\t", "\n\t ", "\n  "])
+def test_tabs_and_indentation_of_obj_files(blanks: str) -> None:
+    separator = blanks.strip("\n ") or " "
+    lines = "v 0 0 0", "v 1 0 0", "v 0 1 0", "f 1 2 3"
+    (shape,) = content("\ufeff" + "".join(blanks + line.replace(" ", separator) + "\n" for line in lines), "obj").shapes
+    assert shape.triangles is not None
+
+
+@pytest.mark.parametrize("kind", ["STRUCTURED_POINTS", "STRUCTURED_GRID", "RECTILINEAR_GRID"])
+def test_data_sets_of_vtk_files_that_are_not_read_are_named(kind: str) -> None:
+    assert kind in fault(VTK.replace(b"POLYDATA", kind.encode()) + b"DIMENSIONS 2 2 1\n", "vtk")
+
+
 @pytest.mark.parametrize(
     ("extension", "data"),
     [

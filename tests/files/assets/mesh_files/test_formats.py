@@ -289,6 +289,21 @@ def test_a_missing_material_or_texture_file_has_a_warning(root: Path, files: Mes
 
 
 @pytest.mark.parametrize(
+    "name", ["/home/other/tex/p.png", r"C:\other tex\p.png", r".\p.png", '"p.png"', "tex/p.png"]
+)
+def test_a_texture_named_by_a_path_of_another_machine_is_looked_for_beside_the_mesh(
+    root: Path, files: MeshFiles, name: str
+) -> None:
+    write(root / "p.png", png((255, 0, 0)))
+    write(root / "t.mtl", f"newmtl m\nmap_Kd {name}\n")
+    write(root / "t.obj", "mtllib t.mtl\nvt 0 0\n" + TRIANGLE.replace("f 1 2 3", "usemtl m\nf 1/1 2/1 3/1"))
+    warnings: list[str] = []
+    (part,) = files.load("t.obj", warnings=warnings)
+    assert part.material.base_color_texture is not None
+    assert len(warnings) == (name not in (r".\p.png", '"p.png"'))
+
+
+@pytest.mark.parametrize(
     ("kd", "expected"), [("Kd 0.5 0 1\n", (0.2159, 0, 1)), ("", (1, 1, 1)), ("Kd 0 0 0\n", (1, 1, 1))]
 )
 def test_kd_multiplies_the_texture(root: Path, files: MeshFiles, kd: str, expected: tuple[float, ...]) -> None:
