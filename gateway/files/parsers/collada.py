@@ -34,21 +34,43 @@ def read_collada(data: bytes, read_file: ReadFile, options: MeshOptions) -> Mesh
     data = data.lstrip()  # some files have a blank line before the XML declaration
     data = data.replace(b'="<', b'="&lt;')  # Assimp calls the root of STL files <STL_BINARY>
     data = _checked_document(data)
+    data, polygons_with_holes = _with_known_primitives(data)
     document = collada.Collada(io.BytesIO(data), ignore=[collada.DaeError])
     errors = document.errors
     if any(isinstance(error, collada.DaeBrokenRefError) and "Material" in str(error.msg) for error in errors):
         document = collada.Collada(io.BytesIO(_without_lost_materials(document, data)), ignore=[collada.DaeError])
-    if document.scene is None:
-        return MeshData()
+    scene = document.scene or (document.scenes[0] if len(document.scenes) == 1 else None)
+    if scene is None:
+        raise MeshFaultError("it has no <scene>")
     reader = _SceneReader(options, read_file, _axes(document, options.use_up_axis))
-    reader.read(document.scene.nodes)
+    reader.read(scene.nodes)
     if options.submesh and not reader.result.instances:
         raise MeshFaultError(f"it has no node {options.submesh[:60]!r} with geometry")
     sentences = dict.fromkeys(" ".join(str(error.msg).split())[:200] for error in errors)
     # Lights and cameras are not used anyway.
     lost = [text for text in sentences if not text.startswith(("Light ", "Camera "))]
     reader.result.warnings += [f"left out: {error}" for error in lost[:MAX_ERRORS]]
+    if polygons_with_holes:
+        reader.result.warnings.append(f"the holes of {polygons_with_holes} polygons (<h>) are closed")
     return reader.result
+
+
+def _with_known_primitives(data: bytes) -> tuple[bytes, int]:
+    """Return a document without what makes pycollada leave out a mesh or a polygon, and the number of former holes.
+
+    It refuses a mesh that also has ``<linestrips>``, and passes over polygons with holes.
+    """
+    if b"linestrips" not in data and b"ph>" not in data:
+        return data, 0
+    root, holes = ElementTree.fromstring(data), 0  # noqa: S314 - _checked_document refused what could be dangerous
+    for parent in root.iter():
+        for place, child in enumerate(list(parent)):
+            if child.tag.endswith("}ph") and len(child):
+                parent[place] = child[0]
+                holes += 1
+        for child in parent.findall("./{*}linestrips"):
+            parent.remove(child)
+    return ElementTree.tostring(root), holes
 
 
 def _without_lost_materials(document: Any, data: bytes) -> bytes:
@@ -113,7 +135,7 @@ class _SceneReader:
         self._axes = axes
         self._sizes: dict[int, tuple[int, int, int]] = {}
         """Number of parts, nodes and levels in the subtree of each node, by the node's ``id``."""
-        self._shapes: dict[tuple[int, tuple[tuple[str, int], ...]], list[tuple[int, int]]] = {}
+        self._shapes: dict[tuple[int, tuple[tuple[str, int, str], ...]], list[tuple[int, int]]] = {}
         """Shape indices with their numbers of triangles, by geometry and materials."""
         self._triangles = self._drawn = 0
         self.result = MeshData()
@@ -196,8 +218,11 @@ class _SceneReader:
             self.result.warnings.append(warning)
 
     def _shapes_of(self, geometry: Any, material_nodes: list[Any]) -> list[tuple[int, int]]:
-        materials = {each.symbol: each.target.effect for each in material_nodes}
-        key = (id(geometry), tuple(sorted((str(symbol), id(effect)) for symbol, effect in materials.items())))
+        materials = {each.symbol: each for each in material_nodes}
+        key = (
+            id(geometry),
+            tuple(sorted((str(each.symbol), id(each.target.effect), str(each.inputs)) for each in material_nodes)),
+        )
         shapes = self._shapes.get(key)
         if shapes is None:
             shapes = self._shapes[key] = list(self._read_geometry(geometry, materials))
@@ -218,31 +243,46 @@ class _SceneReader:
                 self.result.shapes.append(shape)
                 yield len(self.result.shapes) - 1, count
 
-    def _read_primitive(self, primitive: Any, effect: Any) -> Shape | None:
-        """Convert triangles with one index per attribute to triangles that share no vertices."""
+    def _read_primitive(self, primitive: Any, material: Any) -> Shape | None:
+        """Convert triangles with one index per attribute to triangles that share no vertices.
+
+        ``material``: the node that binds one to the primitive, or None.
+        """
+        effect = None if material is None else material.target.effect
         positions = _corners(primitive.vertex, primitive.vertex_index, "vertices")
         normals = uv = colors = None
         if primitive.normal is not None:
             normals = _corners(primitive.normal, primitive.normal_index, "normals")
         color, image = (None, None) if effect is None else self._material(effect)
         if primitive.texcoordset:  # kept without an image, too: the material of a robot file may have one
-            uv = _corners(primitive.texcoordset[0], primitive.texcoord_indexset[0], "texture coordinates")[:, :2]
+            number = 0 if material is None else _texture_coordinates(primitive, effect, material.inputs)
+            uv = _corners(primitive.texcoordset[number], primitive.texcoord_indexset[number], "texture coordinates")
+            uv = uv[:, :2]
         color_inputs = primitive.sources.get("COLOR")
-        if effect is None and color_inputs:
+        if color_inputs and image is None and (color is None or color[:3] == (1.0, 1.0, 1.0)):  # a white effect
             offset, source = color_inputs[0][0], color_inputs[0][4]
             values = np.clip(np.nan_to_num(_corners(source.data, primitive.index[:, :, offset], "colours")), 0.0, 1.0)
             if values.shape[1] in (3, 4):
                 colors = np.full((len(values), 4), 255, np.uint8)
                 colors[:, : values.shape[1]] = np.round(values * 255.0)
         triangles, warnings = np.arange(len(positions), dtype=np.int64).reshape(-1, 3), self.result.warnings
-        return shape_of(positions, triangles, warnings, normals=normals, uv=uv, colors=colors, color=color, image=image)
+        shape = shape_of(
+            positions, triangles, warnings, normals=normals, uv=uv, colors=colors, color=color, image=image
+        )
+        if shape is not None and effect is not None and isinstance(effect.emission, tuple):
+            r, g, b = map(float, effect.emission[:3])
+            shape.emission = r, g, b
+        return shape
 
     def _material(self, effect: Any) -> tuple[tuple[float, float, float, float], int | None]:
         """Return the diffuse colour and the texture of an effect."""
         rgba, image = (1.0, 1.0, 1.0, 1.0), None
         if isinstance(effect.diffuse, collada.material.Map):
-            path = effect.diffuse.sampler.surface.image.path
+            url = (effect.diffuse.sampler.surface.image.path or "").strip()
+            path = url.removeprefix("file://").removeprefix("file:")
             image = self._textures.index(path) if path else None
+        elif effect.shadingtype == "constant" and isinstance(effect.emission, tuple):
+            rgba = (0.0, 0.0, 0.0, 1.0)  # emission is all that it has
         elif effect.diffuse is not None:
             r, g, b, a = (*map(float, effect.diffuse), 1.0)[:4]
             rgba = (r, g, b, a)
@@ -250,6 +290,13 @@ class _SceneReader:
         if transparent is not None and not isinstance(transparent, collada.material.Map):
             rgba = (*rgba[:3], _opacity(transparent, effect.opaque_mode))
         return rgba, image
+
+
+def _texture_coordinates(primitive: Any, effect: Any, inputs: list[tuple[str, str, str | None]]) -> int:
+    """Return the place of the diffuse texture's coordinates, whose set ``<bind_vertex_input>`` names."""
+    name = getattr(effect.diffuse, "texcoord", None)
+    bound = {number for semantic, kind, number in inputs if semantic == name and kind == "TEXCOORD"}
+    return next((place for place, each in enumerate(primitive.sources["TEXCOORD"]) if each[3] in bound), 0)
 
 
 def _triangle_set(polygons: Any) -> Any:

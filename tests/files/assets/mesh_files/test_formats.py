@@ -288,9 +288,7 @@ def test_a_missing_material_or_texture_file_has_a_warning(root: Path, files: Mes
     assert warnings == [f"'t.obj': {missing!r} is left out: No such file or directory"]
 
 
-@pytest.mark.parametrize(
-    "name", ["/home/other/tex/p.png", r"C:\other tex\p.png", r".\p.png", '"p.png"', "tex/p.png"]
-)
+@pytest.mark.parametrize("name", ["/home/other/tex/p.png", r"C:\other tex\p.png", r".\p.png", '"p.png"', "tex/p.png"])
 def test_a_texture_named_by_a_path_of_another_machine_is_looked_for_beside_the_mesh(
     root: Path, files: MeshFiles, name: str
 ) -> None:

@@ -1,0 +1,135 @@
+"""COLLADA files with what pycollada leaves to its callers, or passes over."""
+
+import io
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from gateway.files.parsers.mesh import read_mesh
+from gateway.files.parsers.mesh_data import MeshData, Shape
+from tests.files.assets.mesh_files.files import DAE
+from tests.files.parsers.test_mesh import LIMITS
+
+TRIANGLES = DAE[DAE.index("<triangles") : DAE.index("</mesh>")]
+INPUT = '<input semantic="VERTEX" source="#v" offset="0"/>'
+COLORS = (
+    '<source id="c"><float_array id="ca" count="3">1 0 0.2</float_array><technique_common><accessor source="#ca" '
+    'count="1" stride="3"><param name="R" type="float"/><param name="G" type="float"/><param name="B" type="float"/>'
+    "</accessor></technique_common></source>"
+)
+COLORED = (
+    f'<triangles material="s" count="1">{INPUT}<input semantic="COLOR" source="#c" offset="1"/>'
+    "<p>0 0 1 0 2 0</p></triangles>"
+)
+
+
+def coordinates(name: str, u: float) -> str:
+    return (
+        f'<source id="{name}"><float_array id="{name}a" count="2">{u} 0</float_array><technique_common><accessor '
+        f'source="#{name}a" count="1" stride="2"><param name="S" type="float"/><param name="T" type="float"/>'
+        "</accessor></technique_common></source>"
+    )
+
+
+def document(primitives: str, *, sources: str = "", shader: str = "", library: str = "", binding: str = "") -> str:
+    """Return a document with these primitives, a material of this shader that is bound to the symbol ``s``."""
+    data = DAE.format(asset="<up_axis>Z_UP</up_axis>").replace(TRIANGLES, primitives)
+    data = data.replace('<vertices id="v">', f'{sources}<vertices id="v">')
+    if not shader:
+        return data
+    effect = (
+        f'<effect id="e"><profile_COMMON>{library}<technique sid="c">{shader}</technique></profile_COMMON></effect>'
+    )
+    bound = (
+        '<instance_geometry url="#g"><bind_material><technique_common><instance_material symbol="s" target="#m">'
+        f"{binding}</instance_material></technique_common></bind_material></instance_geometry>"
+    )
+    image = '<library_images><image id="i"><init_from> {} </init_from></image></library_images>'
+    materials = '<library_materials><material id="m"><instance_effect url="#e"/></material></library_materials>'
+    return data.replace('<instance_geometry url="#g"/>', bound).replace(
+        "<library_geometries>",
+        f"{image}<library_effects>{effect}</library_effects>{materials}<library_geometries>",
+    )
+
+
+def read(data: str) -> tuple[Shape, MeshData]:
+    """Return the only shape, and the content; every file is a white PNG image."""
+    file = io.BytesIO()
+    Image.new("RGB", (1, 1), (255, 255, 255)).save(file, "PNG")
+    result = read_mesh(lambda _: file.getvalue(), data.encode(), "dae", LIMITS)
+    assert isinstance(result, MeshData), result
+    (shape,) = result.shapes
+    return shape, result
+
+
+def test_lines_beside_triangles() -> None:
+    shape, content = read(document(f'<linestrips count="1">{INPUT}<p>0 1 2</p></linestrips>{TRIANGLES}'))
+    assert len(shape.triangles or b"") == 12
+    assert content.warnings == []
+
+
+def test_holes_of_polygons_are_closed_with_a_warning() -> None:
+    polygon = f'<polygons count="1">{INPUT}<ph><p>0 1 2</p><h>0 2 1</h></ph></polygons>'
+    shape, content = read(document(polygon))
+    assert len(shape.triangles or b"") == 12
+    assert len(content.warnings) == 1
+
+
+def test_a_document_with_one_scene_that_it_does_not_name() -> None:
+    assert read(document(TRIANGLES).replace('<scene><instance_visual_scene url="#s"/></scene>', ""))
+
+
+@pytest.mark.parametrize(("name", "u"), [("first", 0.25), ("second", 0.75), ("unbound", 0.25)])
+@pytest.mark.parametrize("url", ["t.png", "file:///t.png", "file://t.png"])
+def test_bind_vertex_input_names_the_texture_coordinates(name: str, u: float, url: str) -> None:
+    sets = '<input semantic="TEXCOORD" source="#t{}" offset="1" set="{}"/>'
+    triangles = (
+        f'<triangles material="s" count="1">{INPUT}{sets.format(0, 3)}{sets.format(1, 4)}<p>0 0 1 0 2 0</p></triangles>'
+    )
+    library = (
+        '<newparam sid="f"><surface type="2D"><init_from>i</init_from></surface></newparam>'
+        '<newparam sid="a"><sampler2D><source>f</source></sampler2D></newparam>'
+    )
+    bind = '<bind_vertex_input semantic="{}" input_semantic="TEXCOORD" input_set="{}"/>'
+    data = document(
+        triangles,
+        sources=coordinates("t0", 0.25) + coordinates("t1", 0.75),
+        shader=f'<phong><diffuse><texture texture="a" texcoord="{name}"/></diffuse></phong>',
+        library=library,
+        binding=bind.format("first", 3) + bind.format("second", 4),
+    )
+    shape, content = read(data.replace(" {} ", url))
+    assert (shape.image, content.images[0][0]) == (0, url.removeprefix("file://"))
+    assert np.frombuffer(shape.uv or b"", np.float32)[0] == u
+
+
+@pytest.mark.parametrize(
+    ("shader", "is_colored"),
+    [
+        ("<phong><diffuse><color>1 1 1 1</color></diffuse></phong>", True),
+        ("<phong><specular><color>1 1 1 1</color></specular></phong>", True),
+        ("<phong><diffuse><color>0 0 1 1</color></diffuse></phong>", False),
+    ],
+)
+def test_colours_of_vertices_beside_a_white_effect(shader: str, is_colored: bool) -> None:
+    shape, _ = read(document(COLORED, sources=COLORS, shader=shader))
+    assert (shape.colors is not None) == is_colored
+    if shape.colors is not None:
+        assert np.frombuffer(shape.colors, np.uint8)[:4].tolist() == [255, 0, 51, 255]
+
+
+@pytest.mark.parametrize(
+    ("shader", "color"),
+    [
+        ("<constant><emission><color>0 1 0 1</color></emission></constant>", (0.0, 0.0, 0.0, 1.0)),
+        (
+            "<lambert><emission><color>0 1 0 1</color></emission><diffuse><color>1 0 0 1</color></diffuse></lambert>",
+            (1.0, 0.0, 0.0, 1.0),
+        ),
+    ],
+)
+def test_emission(shader: str, color: tuple[float, ...]) -> None:
+    triangles = TRIANGLES.replace("<triangles", '<triangles material="s"')
+    shape, _ = read(document(triangles, shader=shader))
+    assert (shape.color, shape.emission) == (color, (0.0, 1.0, 0.0))
