@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scenegate.messages.geometry import Box
+from scenegate.robots.link_files import color_of
 from scenegate.robots.link_model import Cone, LinkGeometry, LinkMaterial, LinkShape, MeshReference
 from scenegate.robots.robot import GeometryUse
 from scenegate.robots.sdf_frames import read_pose
@@ -63,7 +64,13 @@ def read_geometries(
         except InvalidAttributeError as error:
             warnings.append(f"{where}: {error}; it is not shown")
             continue
-        geometries.append(LinkGeometry(shape, X @ X_shape, _material(element, where, warnings)))
+        material = _material(element, where, warnings)
+        (transparency,) = numbers(children_as_attributes(element), "transparency", (0.0,), where, warnings)
+        if transparency > 0.0:
+            r, g, b, opacity = color_of(material)
+            color = r, g, b, opacity * max(1.0 - transparency, 0.0)
+            material = LinkMaterial(color, None if material is None else material.texture)
+        geometries.append(LinkGeometry(shape, X @ X_shape, material))
     return tuple(geometries)
 
 

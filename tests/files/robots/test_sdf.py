@@ -207,6 +207,14 @@ def test_materials(tmp_path: Path, material: str, color: tuple[float, ...]) -> N
     assert robot.warnings == ()
 
 
+def test_transparency_lowers_the_opacity(tmp_path: Path) -> None:
+    for material, opacity in (("<diffuse>1 0 0 0.5</diffuse>", 0.1), ("", 0.2)):
+        extra = f"<transparency>0.8</transparency><material>{material}</material>"
+        robot = read(tmp_path, geometry("<sphere><radius>1</radius></sphere>", extra))
+        assert robot.parts[0][0].material.base_color[3] == pytest.approx(opacity)
+        assert robot.warnings == ()
+
+
 def test_meshes_lie_beside_the_file_that_names_them(tmp_path: Path) -> None:
     write(tmp_path, TRIANGLE, "far/thing/meshes/m.obj")
     mesh = "<mesh><uri>meshes/m.obj</uri><scale>2 2 2</scale></mesh>"
