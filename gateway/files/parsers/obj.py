@@ -4,6 +4,7 @@ import re
 from typing import Final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from gateway.files.parsers.mesh_data import MeshFaultError
 from gateway.files.parsers.polygons import ears_of_concave_polygons
@@ -17,7 +18,7 @@ _KINDS: Final = (b"v", b"vt", b"vn")
 _RELATIVE_FACE: Final = re.compile(rb"^[ \t]*f[ \t][^\r\n]*[ \t/]-\d", re.MULTILINE)
 _CONTINUED: Final = re.compile(rb"\\[\r\n]")
 _NEGATIVE: Final = re.compile(rb"-\d{1,9}")
-_VERTEX: Final = re.compile(rb"^[ \t]*v[ \t][^\r\n]*", re.MULTILINE)
+_PLAIN_VERTEX: Final = re.compile(rb"^([ \t]*v(?:[ \t]+\S+){3})(?=[ \t]*\r?$)", re.MULTILINE)
 _COLORED_VERTEX: Final = re.compile(rb"^([ \t]*v(?:[ \t]+\S+){3})[ \t]+(\S+)[ \t]+(\S+)[ \t]+(\S+)", re.MULTILINE)
 _POSITION: Final = re.compile(rb"^[ \t]*v((?:[ \t]+[^\s]+){3})", re.MULTILINE)
 _POLYGON: Final = re.compile(rb"^[ \t]*f(?=[ \t])((?:[ \t]+[\d/]+){4,})[ \t]*(?:#[^\r\n]*)?\r?$", re.MULTILINE)
@@ -30,7 +31,8 @@ _MISSING: Final = 999_999_999
 
 def with_plain_blanks(data: bytes) -> bytes:
     """Return an OBJ or MTL file without a byte order mark and indentation, and with spaces in place of tabs."""
-    return _INDENTATION.sub(b"", data.removeprefix(b"\xef\xbb\xbf").replace(b"\t", b" "))
+    data = data.removeprefix(b"\xef\xbb\xbf").replace(b"\t", b" ")
+    return _INDENTATION.sub(b"", data) if b"\n " in data or data.startswith(b" ") else data
 
 
 def with_absolute_faces(data: bytes) -> bytes:
@@ -56,13 +58,14 @@ def with_absolute_faces(data: bytes) -> bytes:
 def with_convex_faces(data: bytes) -> bytes:
     """Return a file of ``with_absolute_faces`` with triangles in place of concave faces: trimesh makes fans."""
     faces: list[bytes] = _POLYGON.findall(data)
-    if not faces:
+    positions = np.fromstring(b" ".join(_POSITION.findall(data)) if faces else b"", np.float64, sep=" ")
+    if not faces or len(positions) % 3:
         return data
-    lines = [line.split() for line in _OTHER_INDICES.sub(b"", b"\n".join(faces)).split(b"\n")]
-    sizes = np.array([len(line) for line in lines], np.int64)
-    indices = np.array([index for line in lines for index in line], np.int64) - 1
-    positions = np.array([line.split() for line in _POSITION.findall(data)], np.float64)
-    triangles = dict(ears_of_concave_polygons(indices, np.cumsum(sizes) - sizes, sizes, positions))
+    indices, sizes = _indices(b"\n".join(faces), len(faces))
+    starts = np.cumsum(sizes) - sizes
+    triangles = dict(ears_of_concave_polygons(indices - 1, starts, sizes, positions.reshape(-1, 3)))
+    if not triangles:
+        return data
     number = -1
 
     def cut(match: re.Match[bytes]) -> bytes:
@@ -78,23 +81,43 @@ def with_convex_faces(data: bytes) -> bytes:
     return _POLYGON.sub(cut, data)
 
 
+def _indices(text: bytes, lines: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Return the vertices of the corners of faces, and the number of corners in each line, (``lines``,)."""
+    characters = np.frombuffer(b" " + text, np.uint8)
+    is_blank = characters <= ord(" ")
+    line = np.cumsum(characters == ord("\n"), dtype=np.int32)[1:]
+    sizes = np.bincount(line[is_blank[:-1] & ~is_blank[1:]], minlength=lines)
+    corners, plain = int(sizes.sum()), text.replace(b"//", b"/")
+    slashes = plain.count(b"/")
+    if slashes % corners == 0:  # most files have the same indices at all corners
+        numbers = np.fromstring(plain.replace(b"/", b" "), np.int64, sep=" ")
+        if len(numbers) == corners + slashes:
+            return numbers[:: 1 + slashes // corners], sizes
+    return np.fromstring(_OTHER_INDICES.sub(b"", text), np.int64, sep=" "), sizes
+
+
 def with_unit_colors(data: bytes) -> bytes:
-    """Return the file with colours of vertices from 0 to 1, which are also written from 0 to 255 or 65535."""
-    first = _VERTEX.search(data)
-    if first is None or len(first[0].split()) < 7:
+    """Return the file with colours of vertices from 0 to 1, which are also written from 0 to 255 or 65535.
+
+    If only some objects have colours, the vertices of the others become white: trimesh reads all colours or none.
+    """
+    first = _POSITION.search(data)
+    if first is None or (data.count(b"\no ") < 2 and not _COLORED_VERTEX.match(data, first.start())):
         return data
     try:
-        largest = max(max(map(float, match.groups()[1:])) for match in _COLORED_VERTEX.finditer(data))
+        largest = max((max(map(float, match.groups()[1:])) for match in _COLORED_VERTEX.finditer(data)), default=None)
     except ValueError:
         return data
-    if not 2.0 <= largest < float("inf"):
+    if largest is None:
         return data
-    full = 255.0 if largest <= 255.0 else 65535.0
+    if 2.0 <= largest < float("inf"):
+        full = 255.0 if largest <= 255.0 else 65535.0
 
-    def scaled(match: re.Match[bytes]) -> bytes:
-        return b" ".join((match[1], *(b"%.6f" % (float(channel) / full) for channel in match.groups()[1:])))
+        def scaled(match: re.Match[bytes]) -> bytes:
+            return b" ".join((match[1], *(b"%.6f" % (float(channel) / full) for channel in match.groups()[1:])))
 
-    return _COLORED_VERTEX.sub(scaled, data)
+        data = _COLORED_VERTEX.sub(scaled, data)
+    return _PLAIN_VERTEX.sub(rb"\1 1 1 1", data)
 
 
 def _joined(lines: list[bytes]) -> list[bytes]:

@@ -435,6 +435,18 @@ def test_tabs_and_indentation_of_obj_files(blanks: str) -> None:
     assert shape.triangles is not None
 
 
+@pytest.mark.parametrize("full", [1, 255])
+def test_obj_vertices_without_colours_beside_some_with(full: int) -> None:
+    """As three.js writes objects of which only some have colours of vertices."""
+    data = "# two\no a\nv 0 0 0\nv 1 0 0 \nv 0 1 0\nf 1 2 3\no b\n"
+    data += f"v 0 0 0 {full} 0 0\nv 1 0 0 {full} 0 0\nv 0 1 0 {full} 0 0\nf 4 5 6\n"
+    (shape,) = content(data, "obj").shapes
+    assert np.unique(np.frombuffer(shape.colors or b"", np.uint8).reshape(-1, 4), axis=0).tolist() == [
+        [255, 0, 0, 255],
+        [255, 255, 255, 255],
+    ]
+
+
 @pytest.mark.parametrize("kind", ["STRUCTURED_POINTS", "STRUCTURED_GRID", "RECTILINEAR_GRID"])
 def test_data_sets_of_vtk_files_that_are_not_read_are_named(kind: str) -> None:
     assert kind in fault(VTK.replace(b"POLYDATA", kind.encode()) + b"DIMENSIONS 2 2 1\n", "vtk")
