@@ -30,7 +30,8 @@ PEERS = ("vtk", "panda3d", "viser", "meshcat")
 _DOCUMENT = """\
 # Results of `make bench`
 
-The last whole run; `docs/performance.md` has the figures that matter to users. `make bench` writes this file.
+The last whole run, of commit {commit}; `docs/performance.md` has the figures that matter to users, and newer ones.
+`make bench` writes this file.
 
 Measured on: {machine}
 
@@ -167,7 +168,9 @@ def document(results: list[Result], where: str) -> str:
         text = details if details.lstrip().startswith(("|", "Nothing")) else f"```\n{details}\n```"
         plot = f"\n\n![Memory through different scenes](../{PLOT})" if result.name == "startup" else ""
         sections.append(f"### {result.name}\n\n`{result.command}`\n\n{text}{plot}\n")
-    return _DOCUMENT.format(machine=where, table=table(results), details="\n".join(sections))
+    described = subprocess.run(("git", "describe", "--always", "--dirty"), capture_output=True, text=True, check=False)
+    commit = described.stdout.strip() or "unknown"
+    return _DOCUMENT.format(commit=commit, machine=where, table=table(results), details="\n".join(sections))
 
 
 def main() -> None:

@@ -36,7 +36,8 @@ with TreeViewer(network) as viewer:
         angle = 0.5 * math.sin(step / 8)
         robot["shoulder"].transform(Transform(quaternion=(math.cos(angle / 2), math.sin(angle / 2), 0, 0)))
 
+gateway = urllib.request.build_opener(urllib.request.ProxyHandler({}))  # no proxy, whatever http_proxy says
 query = urllib.parse.urlencode({"camera": "eye=2,-2,1.2;target=0,0,0.4", "width": 640, "height": 480})
-with urllib.request.urlopen(f"{url}/scene/render?{query}") as found, Path(picture).open("wb") as file:
+with gateway.open(f"{url}/scene/render?{query}") as found, Path(picture).open("wb") as file:
     file.write(found.read())
 print(picture)

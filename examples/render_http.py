@@ -32,6 +32,7 @@ scene = {
 intrinsics = {"width": 320, "height": 240, "focal_x": 280, "focal_y": 280, "center_x": 160, "center_y": 120}
 planes = {"near": 0.1, "far": 10, "min_depth": 0.1, "max_depth": 10}
 
+gateway = urllib.request.build_opener(urllib.request.ProxyHandler({}))  # no proxy, whatever http_proxy says
 for image_type, suffix in (("color", ".png"), ("depth", ".tiff"), ("label", ".png")):
     form = {"image_type": image_type, **intrinsics, **planes}
     boundary = "scenegate-example"
@@ -39,7 +40,7 @@ for image_type, suffix in (("color", ".png"), ("depth", ".tiff"), ("label", ".pn
     parts.append(f'--{boundary}\r\nContent-Disposition: form-data; name="scene"; filename="scene.gltf"\r\n\r\n')
     body = "".join(parts) + json.dumps(scene) + f"\r\n--{boundary}--\r\n"
     headers = {"Content-Type": f"multipart/form-data; boundary={boundary}"}
-    with urllib.request.urlopen(urllib.request.Request(f"{url}/render", body.encode(), headers)) as answer:
+    with gateway.open(urllib.request.Request(f"{url}/render", body.encode(), headers)) as answer:
         path = folder / f"{image_type}{suffix}"
         path.write_bytes(answer.read())
     print(path)

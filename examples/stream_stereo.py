@@ -17,7 +17,8 @@ parser.add_argument("address", nargs="?", default="127.0.0.1:50051", help="host 
 parser.add_argument("file", nargs="?", default="points.npy", help="file to write, (N, 3) float32, metres")
 arguments = parser.parse_args()
 
-with grpc.insecure_channel(arguments.address, options=[("grpc.max_receive_message_length", -1)]) as channel:
+options = [("grpc.max_receive_message_length", -1), ("grpc.enable_http_proxy", 0)]  # no proxy, whatever http_proxy says
+with grpc.insecure_channel(arguments.address, options=options) as channel:
     stream = channel.unary_stream(
         "/ImageInterface/StreamImageSets",
         request_serializer=pb.ImageSetRequest.SerializeToString,
