@@ -110,6 +110,9 @@ def with_used_coordinates(data: bytes, read_texture: Callable[[str], bytes], war
         warnings.append(
             "it is a Gaussian splat (f_dc_0 …): its centres are drawn as points, without its Gaussians and colours"
         )
+    texture_count = len({name.strip() for name in _TEXTURE_FILE.findall(header)})
+    if texture_count > 1:
+        warnings.append(f"it has {texture_count} textures, the last is drawn on all faces")
     if not _ANY_COLOR.search(header):
         return data
     texture = _TEXTURE_FILE.search(header)
@@ -124,7 +127,8 @@ def with_triangles(data: bytes) -> bytes:
     """Return a binary file with triangles in place of polygons and strips. Raises ValueError if it is damaged.
 
     trimesh takes each list for one as long as the first. Blender writes faces of different numbers of corners. If lists
-    of an element differ in length, the file is returned with vertices and triangles only, without other lists.
+    of an element differ in length, the file is returned with vertices and triangles only, without other lists than
+    ``texcoord``.
     """
     header, end, _ = data.partition(b"end_header\n")
     lines = header.decode("latin-1").split("\n")
@@ -173,22 +177,31 @@ def _triangles(
     scalars: list[tuple[str, NDArray[Any]]],
     order: str,
 ) -> list[tuple[str, NDArray[Any]]]:
-    """Return names and values of the triangles' properties: ``vertex_indices``, (M, 3), and the scalars of faces, (M,).
+    """Return names and values of the triangles' properties: ``vertex_indices``, (M, 3), perhaps ``texcoord`` with the
+    coordinates of their corners, (M, 6), and the scalars of faces, (M,).
 
     Lengths and places are those of ``_values``, ``positions`` of the vertices. Raises ValueError if there are none.
     """
     index_list, index = element.index_list()
     lengths = all_lengths[:, index_list]
     indices = _array(data, lengths, places[:, index_list], index).astype(np.int64)
+    lists: list[tuple[str, NDArray[Any]]] = []
     if element.name == "face":
-        triangles = triangles_of_polygons(indices, np.cumsum(lengths) - lengths, lengths, positions)
+        starts, corners = np.cumsum(lengths) - lengths, np.arange(len(indices))
+        of_corners = positions[np.clip(indices, 0, len(positions) - 1)] if len(positions) else np.zeros((0, 3))
+        corners = triangles_of_polygons(corners, starts, lengths, of_corners)
+        triangles = indices[corners]
         face = np.repeat(np.arange(len(lengths)), np.maximum(lengths - 2, 0))
         scalars = [(name, values[face]) for name, values in scalars]
+        for number, (_, values, name) in enumerate(element.properties):
+            if name == "texcoord" and (all_lengths[:, number] == 2 * lengths).all():
+                uv = _array(data, all_lengths[:, number], places[:, number], values).reshape(-1, 2)
+                lists = [(name, uv[corners].reshape(-1, 6))]
     else:
         triangles, scalars = triangles_of_strip(np.insert(indices, np.cumsum(lengths), -1)), []
     if not len(triangles):
         raise ValueError(f"its {element.count} elements {element.name!r} have no triangles")
-    return [("vertex_indices", triangles.astype(f"{order}{index.kind}4")), *scalars]
+    return [("vertex_indices", triangles.astype(f"{order}{index.kind}4")), *lists, *scalars]
 
 
 def _scalars(
@@ -210,12 +223,12 @@ def _scalars(
 
 
 def _table(element: str, columns: list[tuple[str, NDArray[Any]]]) -> tuple[str, bytes]:
-    """Return the header and the binary rows of an element. A column (M, 3) is a list."""
+    """Return the header and the binary rows of an element. A column (M, N) is a list."""
     header, fields = [f"element {element} {len(columns[0][1])}"], []
     for name, values in columns:
         kind = _TYPE_NAMES[values.dtype.str[1:]]
         header.append(f"property {f'list uchar {kind}' if values.ndim == 2 else kind} {name}")
-        fields += [np.full(len(values), 3, np.uint8), values] if values.ndim == 2 else [values]
+        fields += [np.full(len(values), values.shape[1], np.uint8), values] if values.ndim == 2 else [values]
     rows = np.empty(len(columns[0][1]), [("", values.dtype, values.shape[1:]) for values in fields])
     for number, values in enumerate(fields):
         rows[f"f{number}"] = values
@@ -279,7 +292,10 @@ def _values(data: bytes, place: int, element: _Element) -> tuple[NDArray[np.int6
 
 
 def _end_of_equal_rows(data: bytes, place: int, element: _Element, max_length: int | None) -> int | None:
-    """Return the end of an element whose lists are as long as in its first row, up to a maximum; None for others."""
+    """Return the end of an element whose lists are as long as in its first row; None for others.
+
+    ``max_length``: of its list of vertices.
+    """
     if all(length is None for length, _, _ in element.properties):
         return _values(data, place, element)[2]
     lengths, places, end = _values(data, place, dataclasses.replace(element, count=min(element.count, 1)))
@@ -301,8 +317,10 @@ def _end_of_equal_rows(data: bytes, place: int, element: _Element, max_length: i
     })  # fmt: skip
     rows = np.frombuffer(data, row, element.count, place)
     for name in row.names or ():
-        if (rows[name] != rows[name][0]).any() or (max_length is not None and rows[name][0] > max_length):
+        if (rows[name] != rows[name][0]).any():
             return None
+    if max_length is not None and lengths[0, element.index_list()[0]] > max_length:
+        return None
     return rows_end
 
 

@@ -2,6 +2,7 @@
 
 import io
 import json
+import struct
 from pathlib import Path
 from typing import Any
 
@@ -286,6 +287,50 @@ def test_a_missing_material_or_texture_file_has_a_warning(root: Path, files: Mes
     warnings: list[str] = []
     assert len(files.load("t.obj", warnings=warnings)) == 1
     assert warnings == [f"'t.obj': {missing!r} is left out: No such file or directory"]
+
+
+@pytest.mark.parametrize("order", ["<", ">"])
+@pytest.mark.parametrize(
+    "faces", [((0, 1, 2), (0, 2, 4)), ((0, 1, 2, 4),), ((0, 1, 2, 4), (2, 3, 4)), ((0, 1, 2, 3, 4),)]
+)
+def test_texture_coordinates_of_the_corners_of_ply_faces(
+    root: Path, files: MeshFiles, faces: tuple[tuple[int, ...], ...], order: str
+) -> None:
+    """As MeshLab writes textured meshes."""
+    write(root / "p.png", png((255, 0, 0)))
+    header = (
+        f"ply\nformat binary_{'little' if order == '<' else 'big'}_endian 1.0\ncomment TextureFile p.png\n"
+        "element vertex 5\nproperty float x\nproperty float y\nproperty float z\n"
+        f"element face {len(faces)}\nproperty list uchar int vertex_indices\nproperty list uchar float texcoord\n"
+        "property uchar red\nproperty uchar green\nproperty uchar blue\nend_header\n"
+    )
+    points = ((0, 0), (1, 0), (1, 1), (0.5, 2), (0, 1))
+    body = struct.pack(f"{order}15f", *(number for x, y in points for number in (x, y, 0)))
+    for number, face in enumerate(faces):
+        uv = [coordinate for vertex in face for coordinate in (number, vertex / 8)]
+        body += struct.pack(f"{order}B{len(face)}iB{len(uv)}f3B", len(face), *face, len(uv), *uv, 255, 255, 255)
+    write(root / "t.ply", header.encode() + body)
+    warnings: list[str] = []
+    (part,) = files.load("t.ply", warnings=warnings)
+    mesh = mesh_of(part)
+    assert part.material.base_color_texture is not None
+    assert (warnings, len(mesh.elements)) == ([], sum(len(face) - 2 for face in faces))
+    assert mesh.uv0 is not None
+    u, v = mesh.uv0[mesh.elements].reshape(-1, 2).T
+    assert sorted(set(u.tolist())) == [float(number) for number in range(len(faces))]
+    vertices = [points.index((x, y)) for x, y in mesh.positions[mesh.elements].reshape(-1, 3)[:, :2].tolist()]
+    np.testing.assert_allclose(1.0 - v, np.array(vertices) / 8, atol=1e-6)
+
+
+def test_a_second_texture_of_a_ply_file_has_a_warning(root: Path, files: MeshFiles) -> None:
+    write(root / "q.png", png((255, 0, 0)))
+    comments = "comment TextureFile p.png\ncomment TextureFile q.png\n"
+    vertices = "element vertex 3\nproperty float x\nproperty float y\nproperty float z\n"
+    faces = "element face 1\nproperty list uchar int vertex_indices\nend_header\n"
+    write(root / "t.ply", f"ply\nformat ascii 1.0\n{comments}{vertices}{faces}0 0 0\n1 0 0\n0 1 0\n3 0 1 2\n")
+    warnings: list[str] = []
+    files.load("t.ply", warnings=warnings)
+    assert len(warnings) == 1
 
 
 @pytest.mark.parametrize("name", ["/home/other/tex/p.png", r"C:\other tex\p.png", r".\p.png", '"p.png"', "tex/p.png"])
