@@ -65,5 +65,6 @@ def read_texture(read_file: ReadFile, data: bytes) -> bytes:
 
 def _png(image: Image.Image) -> bytes:
     file = io.BytesIO()
-    image.convert("RGBA").save(file, "PNG", compress_level=1)
+    rgba = image if image.mode.startswith("I;16") else image.convert("RGBA")  # which would clip 16 bits
+    rgba.save(file, "PNG", compress_level=1)
     return file.getvalue()

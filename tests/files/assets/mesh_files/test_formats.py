@@ -80,6 +80,15 @@ def test_textures_that_cannot_be_decoded_are_left_out(root: Path, files: MeshFil
     assert warning.startswith("'cube.obj': 'textures/paint.png' is left out: ")
 
 
+def test_a_texture_of_16_bits_in_a_tiff_file(root: Path, files: MeshFiles) -> None:
+    Image.fromarray(np.full((1, 2), 100 * 257, np.uint16)).save(root / "p.tiff")
+    write(root / "t.mtl", "newmtl m\nmap_Kd p.tiff\n")
+    write(root / "t.obj", "mtllib t.mtl\nvt 0 0\n" + TRIANGLE.replace("f 1 2 3", "usemtl m\nf 1/1 2/1 3/1"))
+    (part,) = files.load("t.obj")
+    assert part.material.base_color_texture is not None
+    assert part.material.base_color_texture.image.decode()[0, 0, 0] == 100
+
+
 @pytest.mark.parametrize("format_", ["BMP", "DDS", "GIF", "TGA", "TIFF"])
 @pytest.mark.parametrize("option", ["", "-clamp on ", "-s 1 1 1 -bm 0.5 "])
 def test_textures_of_older_formats(root: Path, files: MeshFiles, format_: str, option: str) -> None:
