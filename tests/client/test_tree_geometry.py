@@ -323,6 +323,8 @@ def test_client_and_server_encode_alike() -> None:
     assert decode_response(b"") is None
     assert decode_response(encoded({"timestamp": "x", "status": 0}, 1, wire.JSON)) is None
     assert decode_response(b"x" * 60) is None
+    nested = wire.header(100_000, 1, wire.JSON) + b"[" * 100_000
+    assert decode_response(nested) is None
 
 
 def test_json_encoding_does_not_change_colours() -> None:

@@ -162,6 +162,7 @@ async def test_mesh_files_are_published(faces: bool, tmp_path: Path) -> None:
     ("name", "text", "reason"),
     [
         ("x.json", "{", "is not JSON"),
+        ("x.json", "[" * 100_000, "nested too deeply"),
         ("x.json", "[1]", "is not a request of the protocol"),
         ("x.json", '{"setgeometry": [{}]}', r"setgeometry[0] has no path"),
         ("x.txt", "", "x.txt"),

@@ -161,6 +161,8 @@ def _read_request(source: Path, root: NodePath, changes: Changes) -> None:
         request = json.loads(read_file_or_pipe(source))
     except ValueError as error:
         raise ValueError(f"{source} is not JSON: {error}") from None
+    except RecursionError:
+        raise ValueError(f"{source} is nested too deeply") from None
     if not isinstance(request, dict) or not {"delete", "setgeometry", "settransform"} & request.keys():
         raise ValueError(f"{source} is not a request of the protocol: it has no delete, setgeometry or settransform")
     for path, _ in _commands(request, "delete", source):

@@ -54,7 +54,7 @@ def decode_response(message: bytes) -> Response | None:
         comms = wire.decode(message)
         body = (msgspec.msgpack if comms.format == wire.BINARY else msgspec.json).decode(comms.data)
         return Response(int(body["timestamp"]), int(body["status"]), body)
-    except (msgspec.DecodeError, KeyError, TypeError, ValueError):
+    except (msgspec.DecodeError, KeyError, TypeError, ValueError, OverflowError, RecursionError):
         return None
 
 

@@ -36,7 +36,7 @@ class ViewFrame:
             raise ViewFrameError(f"a frame of {len(data)} bytes ends within its header of {header_bytes} bytes")
         try:
             self.header: dict[str, Any] = msgspec.json.decode(data[_PREFIX.size : end], type=dict[str, Any])
-        except msgspec.DecodeError as error:
+        except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:
             raise ViewFrameError(f"a frame's header is not a JSON object: {error}") from None
         self._body = memoryview(data)[end:]
 

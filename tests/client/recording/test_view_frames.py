@@ -23,6 +23,7 @@ def frame(header: Any) -> bytes:
         (b"HTTP/1.1 400 Bad Request", "it does not start with SGV1"),
         (frame({"kind": "update"})[:20], "ends within its header"),
         (frame({"kind": "update"}).replace(b"{", b"["), "a frame's header is not a JSON object"),
+        (frame({"kind": "update"}).replace(b"update", b"\xffpdate"), "a frame's header is not a JSON object"),
     ],
 )
 def test_other_data_is_no_frame(data: bytes, sentence: str) -> None:

@@ -7,6 +7,7 @@ from typing import Any, Final
 import msgspec
 from fastapi import APIRouter, Request
 
+from gateway.adapters.stereo.routes.node_routes import decode
 from gateway.adapters.stereo.routes.rest_common import (
     Pipeline,
     RestError,
@@ -68,10 +69,7 @@ def fault_router(*services: StereoService) -> APIRouter:
     )
     async def put_faults(request: Request, pipeline: Pipeline = 0) -> Any:
         injector = find_injector(pipeline)
-        try:
-            injector.set(msgspec.json.decode(await read_body(request, MAX_BODY), type=Faults))
-        except msgspec.DecodeError as error:
-            raise RestError(400, f'the body is not like {{"drop": 0.1, "delay": 0.5}}: {error}') from None
+        injector.set(decode(Faults, await read_body(request, MAX_BODY), '{"drop": 0.1, "delay": 0.5}'))
         return _status(injector)
 
     @routes.delete(

@@ -249,7 +249,7 @@ def decode(content: Any, body: bytes, example: str) -> Any:
     """Return a body as an object of the type ``content``; raises RestError."""
     try:
         return msgspec.json.decode(body, type=content)
-    except msgspec.DecodeError as error:
+    except (msgspec.DecodeError, UnicodeDecodeError) as error:
         raise RestError(400, f"the body is not like {example}: {error}") from None
     except RecursionError:
         raise RestError(400, f"the body is not like {example}: it is nested too deep") from None

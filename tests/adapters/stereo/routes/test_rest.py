@@ -158,6 +158,8 @@ async def test_rejects_arbitrary_bodies_for_one_parameter(rest_client: httpx.Asy
         assert len(nested.json()["message"]) < 200
     unknown = await rest_client.put(path, content='{"value": 1, "other": %s}' % ("[" * 30_000 + "]" * 30_000))
     assert unknown.status_code == 400
+    for text in (b"\xff", b"\xed\xa0\x80"):  # not UTF-8
+        assert (await rest_client.put(path, content=b'{"value": "%b"}' % text)).status_code == 400
     long = await rest_client.put(path, content='{"value": "%s"}' % ("a" * 60_000))
     assert long.status_code == 400
     assert len(long.json()["message"]) < 200

@@ -140,10 +140,11 @@ async def test_frozen_and_wrong_clocks(camera: Camera, rest_client: httpx.AsyncC
         ('{"delay": -1}', "at `$.delay`"),
         ('{"fire": 1}', "unknown field `fire`"),
         ("[", "the body is not like"),
+        (b'{"\xff": 1}', "the body is not like"),
     ],
 )
 async def test_invalid_requests_are_rejected_without_effect(
-    rest_client: httpx.AsyncClient, body: str, sentence: str
+    rest_client: httpx.AsyncClient, body: str | bytes, sentence: str
 ) -> None:
     response = await rest_client.put("/stereo/faults", content=body)
     assert response.status_code == 400
