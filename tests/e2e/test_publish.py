@@ -165,6 +165,9 @@ async def test_mesh_files_are_published(faces: bool, tmp_path: Path) -> None:
         ("x.json", "[" * 100_000, "nested too deeply"),
         ("x.json", "[1]", "is not a request of the protocol"),
         ("x.json", '{"setgeometry": [{}]}', r"setgeometry[0] has no path"),
+        ("x.json", '{"setgeometry": true}', r"setgeometry is not a list"),
+        ("x.json", '{"setgeometry": [{"path": ["a"], "geometries": 5}]}', r"geometries of ('a',)"),
+        ("x.json", '{"delete": [{"path": [[1]]}]}', r"delete[0].path"),
         ("x.txt", "", "x.txt"),
     ],
 )

@@ -169,6 +169,8 @@ def _read_request(source: Path, root: NodePath, changes: Changes) -> None:
         changes.delete(root + path)
     for path, command in _commands(request, "setgeometry", source):
         geometries = [command["geometry"]] if command.get("geometry") else command.get("geometries") or []
+        if not isinstance(geometries, list):
+            raise ValueError(f"{source}: the geometries of {path!r} are not a list")
         changes.set_entry(root + path, Entry(geometries))
     for path, command in _commands(request, "settransform", source):
         changes.set_entry(root + path, Entry(transform=command.get("transform") or {}))
@@ -176,10 +178,15 @@ def _read_request(source: Path, root: NodePath, changes: Changes) -> None:
 
 def _commands(request: dict[str, Any], name: str, source: Path) -> Iterator[tuple[NodePath, dict[str, Any]]]:
     """Yield path and fields of each command in a list of the request."""
-    for index, command in enumerate(request.get(name) or ()):
+    commands = request.get(name) or []
+    if not isinstance(commands, list):
+        raise ValueError(f"{source}: {name} is not a list")
+    for index, command in enumerate(commands):
         path = command.get("path") if isinstance(command, dict) else None
         if not isinstance(path, (list, str)):
             raise ValueError(f"{source}: {name}[{index}] has no path")
+        if not all(isinstance(element, str | int) for element in path):
+            raise ValueError(f"{source}: {name}[{index}].path has an element that is neither a name nor an integer")
         yield path_of(path) if isinstance(path, str) else tuple(path), command
 
 
