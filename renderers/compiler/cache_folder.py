@@ -162,13 +162,13 @@ def missing(path: Path | None = None, parts: Iterable[str] | None = None) -> str
     """
     path = folder() if path is None else path
     try:
-        listed: dict[str, dict[str, str]] = json.loads((path / _MANIFEST).read_bytes())
-        names = listed if parts is None else tuple(parts)
-        files = {name: digest for part in names for name, digest in listed.get(part, {}).items()}
+        listed = _read_manifest(path)
     except OSError:
         return "not compiled yet"
-    except (ValueError, AttributeError):
+    except ValueError:
         return f"{_MANIFEST} cannot be read"
+    names = listed if parts is None else tuple(parts)
+    files = {name: digest for part in names for name, digest in listed.get(part, {}).items()}
     if uncompiled := [part for part in names if part not in listed]:
         return f"not compiled yet: {', '.join(uncompiled)}"
     changed = sorted(name for name in files if not _is_intact(path, name, files))
@@ -213,12 +213,12 @@ def remove_damaged() -> list[str]:
     """
     own = folder()
     try:
-        listed: dict[str, dict[str, str]] = json.loads((own / _MANIFEST).read_bytes())
-        changed = {
-            name.rpartition("/")[0] for files in listed.values() for name in files if not _is_intact(own, name, files)
-        }
-    except (OSError, ValueError, AttributeError):  # there is no manifest, so that all is compiled
+        listed = _read_manifest(own)
+    except (OSError, ValueError):  # there is no manifest, so that all is compiled
         return []
+    changed = {
+        name.rpartition("/")[0] for files in listed.values() for name in files if not _is_intact(own, name, files)
+    }
     for kernel in changed:
         for file in (own / kernel).glob("*.nb[ic]"):
             file.unlink(missing_ok=True)
@@ -227,8 +227,18 @@ def remove_damaged() -> list[str]:
 
 def count() -> int:
     """Return the number of kernels that the manifest lists."""
-    parts = json.loads((folder() / _MANIFEST).read_bytes())
-    return sum(name.endswith(".nbi") for part in parts.values() for name in part)
+    return sum(name.endswith(".nbi") for files in _read_manifest(folder()).values() for name in files)
+
+
+def _read_manifest(path: Path) -> dict[str, dict[str, str]]:
+    """Return the digests of a version's files by part and name. Raises OSError, or ValueError for another content."""
+    try:
+        listed: dict[str, dict[str, str]] = json.loads((path / _MANIFEST).read_bytes())
+    except RecursionError as error:
+        raise ValueError(str(error)) from None
+    if not isinstance(listed, dict) or not all(isinstance(files, dict) for files in listed.values()):
+        raise ValueError(f"{_MANIFEST} is not a list of parts")
+    return listed
 
 
 def write_manifest(parts: Mapping[str, Iterable[str]]) -> None:
@@ -241,7 +251,7 @@ def write_manifest(parts: Mapping[str, Iterable[str]]) -> None:
     """
     own = folder()
     try:
-        listed = json.loads((own / _MANIFEST).read_bytes())
+        listed = _read_manifest(own)
     except (OSError, ValueError):
         listed = {}
     listed |= {

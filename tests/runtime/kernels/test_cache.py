@@ -126,11 +126,15 @@ async def test_a_damaged_kernel_that_cannot_be_deleted_is_an_error(
         await kernels.compile_missing(["rest"], KernelProgress({"rest": 1}))
 
 
-def test_a_touched_file_is_not_enough(cache: Path) -> None:
+@pytest.mark.parametrize("content", ["", "\0" * 100, "[]", "null", '{"rest": 5}', "[" * 100_000])
+def test_a_damaged_list_is_written_anew(cache: Path, content: str) -> None:
     folder = kernels.configure()
     folder.mkdir(parents=True)
-    (folder / "complete.json").touch()
+    (folder / "complete.json").write_text(content)
     assert cache_folder.missing() == "complete.json cannot be read"
+    assert cache_folder.remove_damaged() == []
+    write_kernel()
+    assert kernels.are_cached()
 
 
 def test_complete_for_one_kind_of_cpu(cache: Path, monkeypatch: pytest.MonkeyPatch) -> None:
