@@ -28,7 +28,7 @@ from gateway.runtime.http.pages import docs_page, index_page
 from gateway.runtime.http.path_prefix import PathPrefix
 from gateway.runtime.http.security import Security
 from gateway.runtime.http.start_gate import StartGate
-from gateway.runtime.kernels.loading import KERNELS
+from gateway.runtime.kernels.loading import FURTHER_KERNELS, KERNELS
 from gateway.runtime.logs import log_setup
 from gateway.runtime.logs.metrics_registry import Metrics
 from gateway.runtime.service_registry import ServiceRegistry
@@ -98,7 +98,7 @@ def create_app(
     context = Context(
         settings,
         app,
-        registry=ServiceRegistry(essential=frozenset({KERNELS, "render", STATE})),
+        registry=ServiceRegistry(essential=frozenset({KERNELS, FURTHER_KERNELS, "render", STATE})),
         metrics=Metrics(),
         workers=_workers(settings),
         # Matching takes a thread for 0.1 to 0.5 s, in which images need the others.

@@ -5,7 +5,7 @@ import json
 import re
 import threading
 from collections.abc import AsyncIterator, Callable, Collection, Mapping
-from contextlib import asynccontextmanager
+from contextlib import ExitStack, asynccontextmanager
 from pathlib import Path
 from typing import Any
 
@@ -20,6 +20,7 @@ import gateway.wiring.stereo
 from gateway.runtime.kernels import cache, loading, parts
 from gateway.runtime.kernels.progress import KernelProgress
 from gateway.runtime.logs import log_setup
+from gateway.runtime.service_registry import ServiceRegistry
 from gateway.runtime.settings import Settings
 from gateway.wiring import interfaces, startup
 from gateway.wiring.context import Context
@@ -236,8 +237,10 @@ async def test_further_kernels_are_loaded_again_after_any_error(monkeypatch: pyt
     async with running() as client:
         assert (await client.get("/example")).status_code == 200
         await tried.wait()
-        described = (await client.get("/readyz")).json()
-        assert described["status"] == "degraded"
+        response = await client.get("/readyz")
+        assert response.status_code == 503
+        described = response.json()
+        assert described["status"] == "failed"
         assert "Too many open files" in described["interfaces"]["further_kernels"]["problem"]
         with pytest.raises(pending.KernelsDelayed) as raised:
             pending.wait_for_kernel("renderers.shading.mikktspace.first")
@@ -248,6 +251,30 @@ async def test_further_kernels_are_loaded_again_after_any_error(monkeypatch: pyt
         async with asyncio.timeout(SECONDS):
             while (await client.get("/readyz")).json()["status"] != "ready":  # noqa: ASYNC110 - no event
                 await asyncio.sleep(0)
+
+
+async def test_further_kernels_in_the_cache_are_loaded_though_others_cannot_be_compiled(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    failed = asyncio.Event()
+
+    async def compile_missing(names: Collection[str], *_: object) -> None:
+        assert list(names) == ["stereo"]
+        raise cache.KernelError("the cache cannot be written")
+
+    async def wait(seconds: float) -> None:
+        failed.set()
+        await asyncio.Event().wait()
+
+    monkeypatch.setattr(cache, "are_cached", lambda names: "stereo" not in names)
+    monkeypatch.setattr(cache, "compile_missing", compile_missing)
+    monkeypatch.setattr(loading, "wait_before_retry", wait)
+    registry = ServiceRegistry()
+    with pending.announced({name: part.has_kernel for name, part in parts.BACKGROUND.items()}), ExitStack() as stack:
+        task = asyncio.create_task(loading.KernelLoader(registry, stack).load_background())
+        await failed.wait()
+        assert [name for name in parts.BACKGROUND if pending.is_pending(name)] == ["stereo"]
+        task.cancel()
 
 
 async def test_cold_kernels_are_compiled_by_a_child_before_they_are_loaded(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -74,10 +74,10 @@ def router(
 
     @routes.get("/readyz", summary="Readiness", responses=json_example(_EXAMPLE) | _NOT_READY)
     async def readyz(request: Request) -> Response:
-        """200 when the kernels are loaded and every interface has started or failed. 503 before, and while stopping. A
-        process that only renders also responds with 503 while its queue is full, or while every worker thread has
-        used more than half of a render's time limit. With --workers: 503 until each process was ready once; later
-        200 while at least one of them is."""
+        """200 when the kernels are loaded and every interface has started or failed. 503 before, while stopping, and
+        while kernels, the render endpoint or the state have failed. A process that only renders also responds with 503
+        while its queue is full, or while every worker thread has used more than half of a render's time limit. With
+        --workers: 503 until each process was ready once; later 200 while at least one of them is."""
         health = await describe(request)
         if reports is None:
             health["status"] = own_readiness()

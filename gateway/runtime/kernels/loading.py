@@ -126,11 +126,16 @@ async def wait_before_retry(seconds: float) -> None:
 
 
 async def _load_pending_parts() -> None:
-    """Load the parts of the background that are not loaded, compiled first if necessary."""
-    names = [name for name in parts.BACKGROUND if pending.is_pending(name)]
-    if await asyncio.to_thread(cache.are_cached, names):
-        for name in names:
+    """Load the parts of the background that are not loaded: those in the cache, then the others, compiled first."""
+    names = []
+    for name in parts.BACKGROUND:
+        if not pending.is_pending(name):
+            continue
+        if await asyncio.to_thread(cache.are_cached, [name]):
             await _load_background_part(name)
+        else:
+            names.append(name)
+    if not names:
         return
     progress = KernelProgress({name: parts.BACKGROUND[name].function_count for name in names})
     _log.info("Compiling further kernels in the background; requests for them wait")
