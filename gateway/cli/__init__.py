@@ -3,15 +3,23 @@
 import signal
 import sys
 from collections.abc import Sequence
+from contextlib import suppress
+from typing import NoReturn
 
 from gateway.cli import first_line
 from scenegate.cli.output import exit_with_usage_error
 
 
+def _stop(arguments: Sequence[str]) -> NoReturn:
+    with suppress(RuntimeError):  # the signal arrived in the middle of another line
+        first_line.write(arguments, first_line.STOPPED)
+    sys.exit(0)
+
+
 def main(arguments: Sequence[str]) -> None:
     """Run a command with its arguments; the entry points of ``scenegate.commands`` call this. Raises SystemExit."""
     if list(arguments[:1]) == ["serve"]:
-        signal.signal(signal.SIGTERM, lambda *_: sys.exit(0))  # until the server handles it
+        signal.signal(signal.SIGTERM, lambda *_: _stop(arguments))  # until the server handles it
     first_line.write(arguments)
     if list(arguments) == ["doctor"]:  # before other imports: it says which of them fail
         from gateway.cli.doctor import print_findings

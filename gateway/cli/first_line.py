@@ -1,4 +1,5 @@
-"""The first line of ``scenegate serve``, written before any library is imported.
+"""Lines of ``scenegate serve`` that are written before its log is configured: the first one, and the last one of a
+server that is stopped so early.
 
 On a slow disk and a busy machine, imports take ten seconds. This module imports only small modules of the standard
 library, so it parses two settings itself, the log's level and format; ``gateway.runtime.settings`` checks them later.
@@ -17,16 +18,19 @@ BEGIN: Final = time.perf_counter()
 """Time of the start of the command."""
 
 
-def write(arguments: Sequence[str]) -> None:
-    """Write the line to stderr in the format of the log, if the arguments start a server that logs at this level."""
+START: Final = f"Scenegate {__version__} starts: loading its libraries"
+STOPPED: Final = "Scenegate has stopped"
+
+
+def write(arguments: Sequence[str], event: str = START) -> None:
+    """Write a line to stderr in the format of the log, if the arguments start a server that logs at this level."""
     if list(arguments[:1]) != ["serve"] or any(each.startswith("--help") for each in arguments):
         return
     if _setting("log_level", arguments) not in (None, "debug", "info"):
         return
-    event = f"Scenegate {__version__} starts: loading its libraries"
     log_format = _setting("log_format", arguments)
     if log_format == "human" or (log_format != "json" and sys.stderr.isatty()):
-        line = f"{time.strftime('%H:%M:%S')} [info     ] {event} ..."
+        line = f"{time.strftime('%H:%M:%S')} [info     ] {event}{' ...' if event == START else ''}"
     else:
         now = time.strftime("%Y-%m-%dT%H:%M:%SZ", time.gmtime())
         line = json.dumps({"event": event, "level": "info", "logger": "gateway", "timestamp": now})

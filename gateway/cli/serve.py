@@ -143,7 +143,7 @@ def run(settings: Settings) -> int:
     page_url = f"{url}/view" if settings.is_enabled("view") else f"{url}/"
     code = serve_app(partial(create_app, settings, state, page_url=page_url), listener)
     cache_folder.remove_private_root()
-    log.info("Scenegate has stopped")
+    log.info(first_line.STOPPED)
     return code
 
 

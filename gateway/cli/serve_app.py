@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Final
 import structlog
 import uvloop
 
+from gateway.cli.first_line import STOPPED
 from gateway.runtime.http import http_server
 from gateway.runtime.workers import process_tuning
 
@@ -53,7 +54,7 @@ def serve_app(create: Callable[..., FastAPI], listener: socket.socket) -> int:
 
     def end_now() -> None:
         """End the process although threads still load kernels or read a file."""
-        log.info("Scenegate has stopped")
+        log.info(STOPPED)
         os._exit(int(fatal))
 
     config = http_server.server_config(app, seconds + RESPONSE_SECONDS, lifespan=True, tls=context.security.tls)

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import pytest
 
+from gateway.cli.first_line import STOPPED
 from tests.support import clients, forms
 from tests.support.gateway_process import GatewayProcess
 from tests.support.waiting import wait_until
@@ -105,6 +106,8 @@ def test_sigterm_ends_all_processes(name: str, tmp_path: Path) -> None:
         reach(process)
         children = [*_descendants(process.process.pid)]
         assert process.stop() in (0, -signal.SIGTERM if reach is at_once else 0)
+        if reach is not at_once:
+            assert process.rest_of_log()[-1]["event"] == STOPPED
         wait_until(lambda: not any(Path(f"/proc/{pid}").exists() for pid in children))
     finally:
         process.kill()
