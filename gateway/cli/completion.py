@@ -1,4 +1,4 @@
-"""Commands of the client as commands of Typer's, so that the shell completes them and their options."""
+"""Commands of the client and ``--version`` as Typer's, so that the shell completes them."""
 
 from __future__ import annotations
 
@@ -16,7 +16,11 @@ IS_COMPLETING: Final = "_SCENEGATE_COMPLETE" in os.environ
 
 
 def add_client_commands(app: typer.Typer) -> None:
-    """Add the commands, which cannot be run."""
+    """Add the commands and ``--version``, which cannot be run."""
+
+    @app.callback()
+    def never_called(version: Annotated[bool, typer.Option("--version")] = False) -> None: ...
+
     for name, (_, description) in CLIENT_COMMANDS.items():
 
         def never_run(**_: Any) -> None: ...

@@ -194,6 +194,7 @@ def test_a_file_that_cannot_be_written_is_named(tmp_path: Path) -> None:
         ("serve --stereo-s", ["--stereo-scene", "--stereo-seed"]),
         ("serve --depth-mode m", ["matched"]),
         ("v", ["view"]),
+        ("--ver", ["--version"]),
         ("view --mesh", ["--mesh-root"]),
         ("dataset ", ["check", "export", "schema", "show", "track"]),
     ],
