@@ -16,9 +16,9 @@ from renderers.raster.fill import Pixel, make_fill
 from renderers.raster.layer import set_band_layer
 from renderers.raster.layout import (
     BACK_BIT,
-    BACK_FACES,
-    FRONT_FACES,
+    FIRST_PASS,
     HALF_PIXEL,
+    KEPT_BACK_FACES,
     KIND_SMALL,
     SUBPIXEL,
     Chunk,
@@ -192,7 +192,7 @@ def _draw_pixels(frame: RasterFrame, target: _Target, chunk: Chunk, begin: I64, 
 @inlined
 def _depth_rule(frame: RasterFrame, faces: I64) -> I64:
     """Return the rule of ``depth_test``; ``faces`` as for ``draw_band``."""
-    if faces == BACK_FACES:
+    if faces == KEPT_BACK_FACES:
         # Drawn after the front faces, some of which have higher ids. Never PEELED: only opaque frames keep back faces.
         return ANY_ORDER
     # A pass of depth peeling has layers that bound it, or takes the latest primitive.
@@ -207,7 +207,7 @@ def _draw_chunk(frame: RasterFrame, target: _Target, chunk: Chunk, first_row: I6
     Primitives are drawn in the order of their ids; pixels of tiny triangles compare ids themselves.
     """
     bin_index, begin_pixel, end_pixel = first_row // BAND_ROWS, first_row * frame.stride, end_row * frame.stride
-    if faces == BACK_FACES:
+    if faces == KEPT_BACK_FACES:
         # With BACK_BIT, the sign bit of int32, pixels are negative and in the same order. So a range of front faces'
         # pixels has none of back faces, and the other way round.
         bin_index += frame.first_back_bin
@@ -226,14 +226,14 @@ def draw_band(frame_address: Address, first_row: I64, end_row: I64, band_memory:
 
     Args:
         frame_address: address of a RasterFrame.
-        faces: FRONT_FACES or BACK_FACES.
+        faces: FIRST_PASS or KEPT_BACK_FACES.
     """
     frame = RasterFrame(frame_address)
     layer, target = Layer(), _Target()
     set_band_layer(frame, layer, first_row, band_memory)
     target.layer, target.prepared = layer, PreparedTriangle()
     target.depth_rule = _depth_rule(frame, faces)
-    if faces == FRONT_FACES:
+    if faces == FIRST_PASS:
         _clear_rows(frame, layer, first_row, end_row)
     band = first_row // BAND_ROWS
     for index in range(frame.chunk_count):

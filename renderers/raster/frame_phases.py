@@ -17,7 +17,7 @@ from renderers.compiler.jit import kernel
 from renderers.compiler.kernel_calls import atomic_add_one, call_kernel, is_set, load_acquire, yield_at
 from renderers.compiler.kernel_types import I64, Address
 from renderers.compiler.pointers import address
-from renderers.raster.layout import BACK_FACES, BANDS, FRONT_FACES, PHASES, SETUP, TRANSFORM, RasterFrame
+from renderers.raster.layout import BANDS, FIRST_PASS, KEPT_BACK_FACES, PHASE_COUNT, SETUP, TRANSFORM, RasterFrame
 from renderers.visibility_buffer import BAND_ROWS
 
 _SPINS: Final = 200
@@ -26,9 +26,11 @@ _SPINS: Final = 200
 
 @kernel
 def run_phases(frame_address: Address, until_finished: bool) -> None:
-    """Work on a frame together with other threads. A thread may come late, even when nothing is left to do.
+    """Work on a frame together with other threads. A thread may come late, even when nothing is left to do: the caller
+    keeps the frame's memory until all calls have returned.
 
-    With ``band_memory``, callers make at most ``max_threads`` calls a frame: each takes its own part of it.
+    Each call takes the next ``band_memory_bytes`` of ``band_memory``: if a frame has any, it gets at most
+    ``max_threads`` calls.
 
     Args:
         until_finished: return when the frame is finished; otherwise as soon as no unit of work is left.
@@ -37,7 +39,7 @@ def run_phases(frame_address: Address, until_finished: bool) -> None:
     band_memory = frame.band_memory
     if band_memory != 0:
         band_memory += atomic_add_one(frame.threads_started, 0) * frame.band_memory_bytes
-    for phase in range(PHASES):
+    for phase in range(PHASE_COUNT):
         _do_units(frame, phase, band_memory)
         if phase != BANDS or until_finished:
             _wait_for_other_threads(frame, phase)
@@ -79,29 +81,30 @@ def _do_unit(frame: RasterFrame, phase: I64, unit: I64, band_memory: Address) ->
         first_row = unit * BAND_ROWS
         end_row = min(first_row + BAND_ROWS, frame.height)
         if frame.samples > 1:
-            _finish_sample_band(frame, first_row, end_row, band_memory)
+            _draw_and_shade_samples(frame, first_row, end_row, band_memory)
         else:
-            _finish_band(frame, first_row, end_row, band_memory)
+            _draw_shade_resolve(frame, first_row, end_row, band_memory)
 
 
 @device_function
-def _finish_band(frame: RasterFrame, first_row: I64, end_row: I64, band_memory: Address) -> None:
+def _draw_shade_resolve(frame: RasterFrame, first_row: I64, end_row: I64, band_memory: Address) -> None:
     """Draw, shade and resolve one band.
 
     Args:
         band_memory: the thread's own; 0: the frame has a layer of the whole image, and is not shaded here.
     """
-    call_kernel(frame.draw_kernel, (address(frame), first_row, end_row, band_memory, FRONT_FACES))
+    call_kernel(frame.draw_kernel, (address(frame), first_row, end_row, band_memory, FIRST_PASS))
     if frame.shade_kernel != 0:
+        # Its first argument is its own job: shading knows no RasterFrame.
         call_kernel(frame.shade_kernel, (frame.shade_job, band_memory, first_row, end_row))
     if frame.first_back_bin != 0:  # kept back faces: depth and labels show them, the colour above does not
-        call_kernel(frame.draw_kernel, (address(frame), first_row, end_row, band_memory, BACK_FACES))
+        call_kernel(frame.draw_kernel, (address(frame), first_row, end_row, band_memory, KEPT_BACK_FACES))
     if frame.resolve_kernel != 0:
         call_kernel(frame.resolve_kernel, (address(frame), first_row, end_row, band_memory))
 
 
 @device_function
-def _finish_sample_band(frame: RasterFrame, first_row: I64, end_row: I64, band_memory: Address) -> None:
+def _draw_and_shade_samples(frame: RasterFrame, first_row: I64, end_row: I64, band_memory: Address) -> None:
     """Draw and shade one band with several samples per pixel, which have no other output than colour.
 
     Args:

@@ -45,6 +45,7 @@ BACK_BIT: Final = -(1 << 31)
 PIXEL_ROOM: Final = MAX_TINY_PIXELS + 8
 """Pixels that a chunk has memory for: the stores of the last ones overrun."""
 CHUNK_VALUES: Final = CHUNK_SIZE + 3 * PIXEL_ROOM
+"""Values of four bytes of a chunk's memory: its bins, then its pixels, their 1/z and ids."""
 MAX_SMALL_WIDTH: Final = 64
 MAX_SMALL_HEIGHT: Final = 128
 """Triangles of at most this many pixel centres across and down, less than 65 x 129 pixels, have edge functions that fit
@@ -65,8 +66,8 @@ KIND_CLIPPED: Final = 1
 """Crosses the near plane or leaves the guard band. values: first column and row of its box in the image, index of the
 draw. inv_z_base: this first pixel."""
 KIND_LINE: Final = 2
-"""values: both ends, half the width, then first column and row of its box in the image in 16 bits each. inv_z_base:
-this first pixel."""
+"""values: both ends, half the width, then first column (low half) and row (high half) of its box in the image.
+inv_z_base: this first pixel."""
 KIND_POINT: Final = 3
 """values: first column and row, and those after the last; with several samples per pixel these are grid units.
 inv_z_base: any pixel."""
@@ -133,8 +134,8 @@ class Draw(Struct):
     first_vertex: I64  # among the drawn vertices
     first_primitive: I64  # drawn index of its first primitive, not an id
     first_id: I64  # primitive id of its first primitive
-    culled_sign: I64  # +1, -1: sign of the screen area of culled faces, kept or not; 0: none
-    hidden_sign: I64  # +1, -1: sign of the screen area of faces hidden by others of their mesh; 0: none
+    culled_sign: I64  # +1, clockwise on screen, or -1: sign of the area of culled faces, kept or not; 0: none
+    hidden_sign: I64  # likewise of faces hidden by others of their mesh
     X_camera_mesh: Pointer[F64] = inline(12)  # the first three rows
 
 
@@ -159,12 +160,12 @@ class Chunk(Struct):
 TRANSFORM: Final = 0
 SETUP: Final = 1
 BANDS: Final = 2
-PHASES: Final = 3
+PHASE_COUNT: Final = 3
 # Passes over a band, see ``coverage.draw_band``.
-FRONT_FACES: Final = 0
+FIRST_PASS: Final = 0
 """Draw all but the back faces that are kept, into a cleared layer."""
-BACK_FACES: Final = 1
-"""Draw the back faces that are kept, on top of the layer."""
+KEPT_BACK_FACES: Final = 1
+"""Draw these on top of the layer."""
 
 
 class RasterFrame(Struct):
@@ -212,10 +213,10 @@ class RasterFrame(Struct):
     draw_kernel: Address  # coverage.draw_band, or msaa.edges.draw_samples
     edges_kernel: Address  # msaa.edges.find_edges, with several samples per pixel
     shade_kernel: Address  # none: nothing is shaded
-    shade_job: Address
+    shade_job: Address  # first argument of shade_kernel
     resolve_kernel: Address  # none: no outputs other than colour are wanted
     normals_kernel: Address
-    yield_function: Address
+    yield_function: Address  # called while waiting for other threads
 
     # Layers that bound what is drawn, (height, stride) each: ids are int32, inv_z float32.
     beyond_ids: Address  # primitives must lie behind this layer
@@ -228,7 +229,7 @@ class RasterFrame(Struct):
     # Results. The layer is (height, stride); without it, only the outputs are wanted.
     layer_ids: Address
     layer_inv_z: Address
-    depth: Address
+    depth: Address  # outputs, as in interface.Frame
     label: Address
     instance: Address
     normal: Address
@@ -242,7 +243,7 @@ class RasterFrame(Struct):
     band_memory: Address  # the first thread's memory for a band
     band_memory_bytes: I64  # of each thread
     max_threads: I64
-    stop: Address  # an int64 that is not 0 once the frame should end, see renderers.stop
+    stop: Address  # never 0: an int64 that is not 0 once the frame should end, see renderers.stop
 
     # Counts, computed by set_up_frame.
     draw_count: I64
@@ -253,12 +254,12 @@ class RasterFrame(Struct):
     first_back_bin: I64  # bin of the first band's kept back faces; 0: none are kept
     vertices_per_unit: I64
     chunks_per_unit: I64
-    unit_counts: Pointer[I64] = inline(PHASES)
+    unit_counts: Pointer[I64] = inline(PHASE_COUNT)
 
     # Progress, written while threads work.
     threads_started: Pointer[I64] = inline(1)
-    units_taken: Pointer[I64] = inline(PHASES)
-    units_done: Pointer[I64] = inline(PHASES)
+    units_taken: Pointer[I64] = inline(PHASE_COUNT)
+    units_done: Pointer[I64] = inline(PHASE_COUNT)
 
 
 class Layer(Struct):
@@ -276,7 +277,7 @@ def vertex_of(frame: RasterFrame, draw: Draw, index: I64) -> Pointer[F32]:
 
 
 class SmallBox(NamedTuple):
-    """Pixels in which a SmallTriangle may be; perhaps off the image."""
+    """Pixels in which a SmallTriangle may be; perhaps off the image. It has counts, where ``grid.Box`` has ends."""
 
     left: I64
     top: I64

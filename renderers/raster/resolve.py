@@ -35,15 +35,15 @@ def resolve_band(frame_address: Address, first_row: I64, end_row: I64, band_memo
     frame, layer = RasterFrame(frame_address), Layer()
     set_band_layer(frame, layer, first_row, band_memory)
     for row in range(first_row, end_row):
-        layer_pixel, pixel = (row - layer.first_row) * frame.stride, row * frame.width
-        ids, inv_z = advance(layer.ids, layer_pixel), advance(layer.inv_z, layer_pixel)
-        # One output after the other: consecutive stores to a cache line are combined.
+        pixel, out_pixel = (row - layer.first_row) * frame.stride, row * frame.width
+        ids, inv_z = advance(layer.ids, pixel), advance(layer.inv_z, pixel)
+        # A row of one output before the next: the stores to a cache line follow each other.
         if frame.depth != 0:
-            _resolve_depth_row(inv_z, ids, advance(f32_at(frame.depth), pixel), frame.width)
+            _resolve_depth_row(inv_z, ids, advance(f32_at(frame.depth), out_pixel), frame.width)
         if frame.label != 0:
-            _resolve_instance_row(frame, ids, frame.labels, _BACKGROUND_LABEL, advance(i32_at(frame.label), pixel))
+            _resolve_instance_row(frame, ids, frame.labels, _BACKGROUND_LABEL, advance(i32_at(frame.label), out_pixel))
         if frame.instance != 0:
-            out = advance(i32_at(frame.instance), pixel)
+            out = advance(i32_at(frame.instance), out_pixel)
             _resolve_instance_row(frame, ids, frame.instance_ids, _BACKGROUND_INSTANCE_ID, out)
     if frame.normal != 0:
         call_kernel(frame.normals_kernel, (frame_address, first_row, end_row, band_memory))
@@ -86,18 +86,18 @@ def _resolve_instance_row(
         background: value where nothing is seen.
     """
     first_ids, width = frame.first_ids, frame.width
-    # The instance that was seen most recently, its value and its primitive ids: none at first.
-    seen_index, seen_value, first_id, end_id = i64(0), i32(0), i64(0), i64(0)
+    # The last instance looked up, its value and its primitive ids: none at first.
+    last_index, last_value, first_id, end_id = i64(0), i32(0), i64(0), i64(0)
     for column in range(0, width, vec.LANES):
         eight_ids = vec.load(ids, column)
-        is_seen = (eight_ids >= vec.i32(first_id)) & (eight_ids < vec.i32(end_id))
-        values = vec.select(is_seen, vec.i32(seen_value), vec.i32(background))
-        pending = vec.movemask((eight_ids >= vec.i32(0)) & ~is_seen)
+        in_last = (eight_ids >= vec.i32(first_id)) & (eight_ids < vec.i32(end_id))
+        values = vec.select(in_last, vec.i32(last_value), vec.i32(background))
+        pending = vec.movemask((eight_ids >= vec.i32(0)) & ~in_last)
         while pending != 0:  # settle all pixels that see the instance of the first one left
             primitive_id = i64(ids[column + vec.lowest_bit(pending)])
-            seen_index = instance_of(first_ids, frame.instance_count, primitive_id, seen_index)
-            seen_value, first_id, end_id = instance_values[seen_index], first_ids[seen_index], first_ids[seen_index + 1]
-            is_seen = (eight_ids >= vec.i32(first_id)) & (eight_ids < vec.i32(end_id))
-            values = vec.select(is_seen, vec.i32(seen_value), values)
-            pending &= ~vec.movemask(is_seen)
+            last_index = instance_of(first_ids, frame.instance_count, primitive_id, last_index)
+            last_value, first_id, end_id = instance_values[last_index], first_ids[last_index], first_ids[last_index + 1]
+            in_last = (eight_ids >= vec.i32(first_id)) & (eight_ids < vec.i32(end_id))
+            values = vec.select(in_last, vec.i32(last_value), values)
+            pending &= ~vec.movemask(in_last)
         _store_columns(out, column, width, values)

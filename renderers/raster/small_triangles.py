@@ -24,9 +24,9 @@ the error is less than the distance of the quotient from the next integer:
   A horizontal edge, dx = 0, covers all columns of a row or none: its limit is -inf or +inf.
 - The limit of other edges is the quotient q = -edge_value / dx. It differs from every integer by at least
   (1/2) / |dx| > 15.1e-6. It is computed as edge_value * (-1 / dx), with two roundings of 2^-24 each: within the box,
-  where |q| <= 64, the error is at most 64 x 2^-23 < 7.7e-6. Farther out it stays beyond the box.
-- The first column right of a limit is floor(q + 1), and so is the end left of one. The computed q is more than 7.4e-6
-  away from integers, and the sum, below 128, is rounded by at most 2^-18 < 3.9e-6: floor does not change.
+  where |q| <= 64, the error is at most 64 x 2^-23 < 7.7e-6. Farther out it cannot bring q back into the box.
+- A limit on the left makes floor(q + 1) the first covered column, one on the right makes it the end. The computed q is
+  more than 7.4e-6 away from integers, and the sum, below 128, is rounded by at most 2^-18 < 3.9e-6: floor stays.
 """
 
 from __future__ import annotations
@@ -77,10 +77,10 @@ class PreparedTriangle(Struct):
     # Masks of the blocks with any covered column. Byte r of the first one: blocks 0 to 7 of block row r, from the left,
     # in bits 0 to 7. Byte r of the second: blocks 8 to 15; a box that is not aligned has up to nine.
     blocks: Pointer[I64] = inline(2)
-    top: I64  # first row of the first group, in the image
+    groups_top: I64  # first row of the first group, in the image
     row_count: I64  # within the band
-    left: I64  # first column of the first block, in the image
-    left_in_box: I64  # the same, counted from the box's first column: perhaps negative
+    blocks_left: I64  # first column of the first block, in the image
+    blocks_left_in_box: I64  # the same, counted from the box's first column: perhaps negative
 
 
 class _RowEdges(NamedTuple):
@@ -105,7 +105,7 @@ def prepare_small(
     box_x, box_y, box_column_count, box_row_count = box_of(triangle)
     top, bottom = max(box_y, first_row), min(box_y + box_row_count, end_row)
     left, right = max(box_x, i64(0)), min(box_x + box_column_count, frame.width)
-    # Blocks begin where vectors do: loads find whole what was just stored, and none spans two cache lines.
+    # Blocks begin where vectors do: no load waits for two earlier stores, none spans two cache lines.
     blocks_left = left & ~i64(vec.LANES - 1)
     blocks_left_in_box = blocks_left - box_x
     group_count = (bottom - top + _GROUP_ROWS - 1) // _GROUP_ROWS
@@ -129,9 +129,9 @@ def prepare_small(
 
     prepared.triangle = triangle
     prepared.blocks[0], prepared.blocks[1] = low_blocks, high_blocks
-    prepared.top = groups_top
+    prepared.groups_top = groups_top
     prepared.row_count = min(end_row - groups_top, _GROUP_ROWS * group_count)
-    prepared.left, prepared.left_in_box = blocks_left, blocks_left_in_box
+    prepared.blocks_left, prepared.blocks_left_in_box = blocks_left, blocks_left_in_box
 
 
 @inlined
@@ -188,7 +188,7 @@ def _load_edges(triangle: SmallTriangle) -> _RowEdges:
     edge_dx = vec.select(lane == vec.i32(0), e0_dx, vec.select(lane == vec.i32(1), e1_dx, e2_dx))
     scale = vec.f32(-1.0) / edge_dx
     # The scale of a horizontal edge is -inf: its left limit is -inf where edge_value > 0, elsewhere +inf, no column.
-    # NaN on the other side limits nothing, see _limit_by_edge.
+    # NaN on the other side limits nothing, see _limit_by_edge. No change is -0: 0 - a - b is +0 where a = -b.
     left = vec.select(edge_dx >= zero, scale, no_limit)
     right = vec.select(edge_dx >= zero, no_limit, scale)
     return _RowEdges(
@@ -258,13 +258,13 @@ def _block_masks(begin: I32x8, column_count: I32x8) -> tuple[I64, I64]:
 def _draw_block(
     frame: RasterFrame, layer: Layer, depth_rule: I64, prepared: PreparedTriangle, block_top: I64, block_left: I64
 ) -> None:
-    """Draw a block; its first row and column are counted from ``prepared.top`` and ``prepared.left``."""
+    """Draw a block; its first row and column are counted from ``prepared.groups_top`` and ``prepared.blocks_left``."""
     triangle = prepared.triangle
     inv_z_min, inv_z_max, ids = vec.f32(triangle.inv_z_min), vec.f32(triangle.inv_z_max), vec.i32(triangle.id)
-    columns_in_box = vec.i32(prepared.left_in_box + block_left) + vec.iota()
+    columns_in_box = vec.i32(prepared.blocks_left_in_box + block_left) + vec.iota()
     column_inv_z = vec.f32(triangle.inv_z_dx) * vec.to_f32(columns_in_box)
-    row_in_layer = prepared.top + block_top - layer.first_row
-    pixel = row_in_layer * frame.stride + prepared.left + block_left
+    row_in_layer = prepared.groups_top + block_top - layer.first_row
+    pixel = row_in_layer * frame.stride + prepared.blocks_left + block_left
     for row in range(block_top, min(block_top + _BLOCK_ROWS, prepared.row_count)):
         inv_z = vec.f32(prepared.row_inv_z[row]) + column_inv_z
         inv_z = vec.minimum(vec.maximum(inv_z, inv_z_min), inv_z_max)

@@ -4,10 +4,10 @@
 
         tiny    at most 4 x 4 pixels      drawn at once: ``tiny_triangles`` appends their pixels to the Chunk
         small   at most 64 x 128          SmallTriangle: edge functions in int32, plane of 1/z in float32
-        large   or crosses near plane     Primitive, one by one: ``primitive_setup``
+        large   or to be clipped          Primitive, one by one: ``primitive_setup``
 
-On the way triangles are dropped that are behind the camera, off the image, without area, hidden by their convex mesh,
-or culled and not kept.
+On the way triangles are dropped that are behind the camera, too far, off the image, without area, hidden by their
+convex mesh, or culled and not kept.
 """
 
 from __future__ import annotations
@@ -58,32 +58,33 @@ class _Chosen(NamedTuple):
 
     small: I64
     single: I64
-    """Set up one by one: large, or to be clipped."""
+    """Large, or to be clipped: set up one by one."""
     culled: I64
-    """Culled back faces. Those of ``small`` that are left are kept."""
+    """Back faces that the draw culls, which means nothing outside ``small``. Those still in ``small`` are kept."""
 
 
 @device_function
 def set_up_triangles(frame: RasterFrame, draw_index: I64, begin: I64, end: I64, chunk: Chunk) -> None:
     """Set up the triangles ``begin .. end`` of a draw's mesh, and append what may be visible to a Chunk."""
     vertices = advance(frame.vertices, 4 * frame.draws[draw_index].first_vertex)
-    for first_index in range(begin, end, vec.LANES):
+    for first_mesh_index in range(begin, end, vec.LANES):
         # Inlined: a call would cost a fifth of the time of triangles that are not visible.
-        _set_up_eight_triangles(frame, draw_index, vertices, first_index, min(end - first_index, vec.LANES), chunk)
+        count = min(end - first_mesh_index, vec.LANES)
+        _set_up_eight_triangles(frame, draw_index, vertices, first_mesh_index, count, chunk)
 
 
 @inlined
 def _set_up_eight_triangles(
-    frame: RasterFrame, draw_index: I64, vertices: Pointer[F32], first_index: I64, count: I64, chunk: Chunk
+    frame: RasterFrame, draw_index: I64, vertices: Pointer[F32], first_mesh_index: I64, count: I64, chunk: Chunk
 ) -> None:
-    """Set up ``count`` triangles of a draw, at most eight, from ``first_index`` of its mesh on.
+    """Set up ``count`` triangles of a draw, at most eight, from ``first_mesh_index`` of its mesh on.
 
     Args:
         vertices: the draw's vertices, as for ``load_triangles``.
     """
     draw = frame.draws[draw_index]
     # Load; drop what is behind the camera or beyond the far plane.
-    corners = load_triangles(draw, first_index, count, vertices)
+    corners = load_triangles(draw, first_mesh_index, count, vertices)
     in_view, needs_clipping = _is_in_view(frame, corners.w, count), _needs_clipping(corners.w, count)
     if vec.movemask(in_view | needs_clipping) == 0:
         return
@@ -99,7 +100,7 @@ def _set_up_eight_triangles(
     fits_small = _fits_small(box, corners.w)
     single_bits = vec.movemask((in_image & ~fits_small) | needs_clipping)
 
-    # Cull small ones. The area of others has wrapped around, so that its sign means nothing.
+    # Cull small ones. The area of others overflows int32; primitive_setup culls these.
     area = (gx[1] - gx[0]) * (gy[2] - gy[0]) - (gx[2] - gx[0]) * (gy[1] - gy[0])
     is_counterclockwise = area < vec.i32(0)
     sign = vec.select(is_counterclockwise, vec.i32(-1), vec.i32(1))
@@ -112,7 +113,7 @@ def _set_up_eight_triangles(
 
     # Edge functions, of corners in clockwise order, and planes of 1/z.
     triangles = EightTriangles(
-        ids=vec.i32(draw.first_id + first_index) + vec.iota(),
+        ids=vec.i32(draw.first_id + first_mesh_index) + vec.iota(),
         box=box,
         edges=edge_functions(_swap_last_two(is_counterclockwise, gx), _swap_last_two(is_counterclockwise, gy), box),
         plane=inv_z_plane(corners, box),
@@ -129,12 +130,13 @@ def _set_up_eight_triangles(
         field_rows = _field_rows_array()
         _store_field_rows(field_rows, triangles)
         chosen = _Chosen(small=small_bits, single=single_bits, culled=vec.movemask(is_culled))
-        _append_primitives(frame, draw_index, first_index, chosen, field_rows, chunk)
+        _append_primitives(frame, draw_index, first_mesh_index, chosen, field_rows, chunk)
 
 
 @inlined
 def _is_in_view(frame: RasterFrame, w: F32x8x3, count: I64) -> Mask8:
-    """Return which of the first ``count`` triangles are within near and far plane and guard band with all corners."""
+    """Return which of the first ``count`` triangles have all corners beyond the near plane and in the guard band, and
+    any before the far plane."""
     is_used = vec.iota() < vec.i32(count)
     return is_used & (minimum_of_3(w) > vec.f32(0.0)) & (maximum_of_3(w) >= vec.f32(frame.inv_z_far))
 
@@ -163,9 +165,9 @@ def _swap_last_two(swapped: Mask8, corners: I32x8x3) -> I32x8x3:
 def _store_field_rows(rows: Pointer[I32], triangles: EightTriangles) -> None:
     """Write eight SmallTriangles, transposed: a row of (SMALL_FIELD_COUNT, 8) for each field."""
     ids, box, edges, plane = triangles
-    half = vec.i32(16)
-    corner = (box.top << half) | (box.left & vec.i32(0xFFFF))
-    size = ((box.bottom - box.top) << half) | (box.right - box.left)
+    high_half = vec.i32(16)
+    corner = (box.top << high_half) | (box.left & vec.i32(0xFFFF))
+    size = ((box.bottom - box.top) << high_half) | (box.right - box.left)
     _store_row(rows, SMALL_FIELDS.edges, edges.base[0])
     _store_row(rows, SMALL_FIELDS.edges + 1, edges.base[1])
     _store_row(rows, SMALL_FIELDS.edges + 2, edges.base[2])
@@ -191,9 +193,9 @@ def _store_row(rows: Pointer[I32], field: I64, values: I32x8) -> None:
 
 @inlined
 def _append_primitives(
-    frame: RasterFrame, draw_index: I64, first_index: I64, chosen: _Chosen, field_rows: Pointer[I32], chunk: Chunk
+    frame: RasterFrame, draw_index: I64, first_mesh_index: I64, chosen: _Chosen, field_rows: Pointer[I32], chunk: Chunk
 ) -> None:
-    """Append the chosen triangles to a Chunk in the order of their lanes; ``first_index``: of lane 0 in its mesh."""
+    """Append the chosen triangles to a Chunk in the order of their lanes; ``first_mesh_index``: of lane 0."""
     pending = chosen.small | chosen.single
     while pending != 0:
         lane = vec.lowest_bit(pending)
@@ -208,6 +210,6 @@ def _append_primitives(
             base_bin = frame.first_back_bin if bit & chosen.culled else 0
             first_bin, last_bin = bin_range(max(top, 0), min(top + row_count, frame.height), base_bin)
         else:
-            first_bin, last_bin = set_up_single_triangle(frame, draw_index, first_index + lane, primitive)
-            primitive.id = frame.draws[draw_index].first_id + first_index + lane
+            first_bin, last_bin = set_up_single_triangle(frame, draw_index, first_mesh_index + lane, primitive)
+            primitive.id = frame.draws[draw_index].first_id + first_mesh_index + lane
         append_primitive(chunk, first_bin, last_bin)

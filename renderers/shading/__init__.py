@@ -6,11 +6,13 @@ Usage::
     paint(rasterizer, scene, shading, camera, look, color)  # looks phong, plain, pbr and gltf
     studio.passes.paint(...)                                # look studio
 
-Each row of a visibility buffer goes through the same steps:
+Each row of a visibility buffer goes through the same steps, called by ``headlight.shade_rows`` or
+``studio.shade_rows``:
 
-1. ``spans``: neighbouring pixels that see one primitive, and segments of spans that see one instance.
-2. ``span_setup``: weighted sums of vertex attributes at the start of each span, and their change per pixel (Spans of
-   ``layout``); ``interpolation``: the sums at eight pixels at a time (ShadedPixels), for a part of at most PART pixels.
+1. ``spans`` cuts it into spans (pixels that see one primitive), segments (spans of one instance) and parts (at most
+   PART pixels of a segment, shaded at a time).
+2. ``span_setup`` fills Spans: weighted sums of vertex attributes at the start of each span, and their change per pixel.
+   ``interpolation`` turns them into ShadedPixels, eight pixels at a time.
 3. ``material``: base colour, normal map and the other maps, read by ``sampling`` (``mip_levels``, ``texels``,
    ``area_filter``), into further rows of ShadedPixels.
 4. ``headlight.lighting`` or ``studio.lighting``: light (``brdf``).
@@ -36,8 +38,7 @@ Parameters of device functions that mean the same everywhere have no line of the
 - ``alpha``: bool, False: the fourth channel is not needed.
 
 Values of eight pixels are f32x8 if nothing is said, points and directions three of them in the optical frame (metres);
-colours are RGB, 0 .. 1. Ranges ``begin .. end`` are half-open, as in ``docs/rasterizer.md``; a range of values in
-numbers, as 0 .. 255, includes both.
+colours are RGB, 0 .. 1. Ranges are those of ``docs/rasterizer.md``.
 
 To add a material property: a field of ShadingMaterial, set in ``materials``; rows of ShadedPixels if it varies
 between pixels; and its use in the lighting. A value per image is a field of the look's job, set by its ``passes``.

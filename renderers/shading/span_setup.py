@@ -60,27 +60,28 @@ class Corners(NamedTuple, Generic[Columns]):
 
 
 class CornerIndices(NamedTuple):
-    """Indices of the three vertices of eight primitives: those of lane k are ``a[positions[k]]``, b and c alike."""
+    """Indices of the three vertices of eight primitives: those of lane k are ``a[places[k]]``, b and c alike."""
 
     a: Pointer[U32]
     b: Pointer[U32]
     c: Pointer[U32]
-    positions: I32x8
+    places: I32x8
 
 
 class RowWeights(NamedTuple):
-    """Weights of the three vertices for the two halves of a field's rows in Spans.
+    """Weights of the three vertices for both halves of a field's rows in Spans: at the first pixel and the change per
+    pixel, or, for gradients, the changes per column and per row."""
 
-    They are those at the first pixel and their change per pixel, or, for gradients, their changes per column and row.
-    """
-
-    top: F32x8x3
-    bottom: F32x8x3
+    first_half: F32x8x3
+    second_half: F32x8x3
 
 
 @device_function
 def set_up_spans(segment: Segment, first_span: I64, part_end_span: I64, end_span: I64) -> bool:
-    """Fill Spans with the spans ``first_span .. part_end_span`` of a segment that ends at ``end_span``; at most PART.
+    """Fill Spans with the spans ``first_span .. part_end_span``, at most PART, of a segment.
+
+    Args:
+        end_span: of the segment; bounds what is prefetched.
 
     Returns:
         True if the normal is constant along each span.
@@ -147,8 +148,8 @@ def _set_up_eight_spans(segment: Segment, span: I64, count: I64, at: I64) -> boo
     rays = rays_of(segment.job, segment.y, first_column, step_count)
     matrix, determinant, sign = weight_matrix(segment.instance.topology, p0, p1, p2, rays)
     weights = scaled_weights(matrix, sign, rays, step_count, segment.job)
-    along_span = RowWeights(top=weights.first, bottom=weights.per_pixel)
-    # Clockwise as seen, a positive determinant, is the back, unless the transform mirrors.
+    along_span = RowWeights(first_half=weights.first, second_half=weights.per_pixel)
+    # A positive determinant: the corners run clockwise as seen, so the back is visible, unless the transform mirrors.
     mirror = vec.f32(segment.matrices.mirror)
     facing = vec.select(determinant > vec.f64(0.0), -mirror, mirror)
 
@@ -164,9 +165,9 @@ def _set_up_eight_spans(segment: Segment, span: I64, count: I64, at: I64) -> boo
     if attributes & HAS_UV0:
         _store_attributes(advance(spans.uv, at), 2, along_span, corners, V_UV0)
     if segment.job.has_points != 0:
-        inv_depth, change = inverse_depths(matrix, determinant, sign, rays, (p0[2], p1[2], p2[2]))
+        inv_depth, change_to_last = inverse_depths(matrix, determinant, sign, rays, (p0[2], p1[2], p2[2]))
         vec.store(spans.inv_depth, at, vec.to_f32(inv_depth))
-        vec.store(spans.inv_depth, SPAN_STRIDE + at, vec.to_f32(change / vec.maximum(step_count, vec.f64(1.0))))
+        vec.store(spans.inv_depth, SPAN_STRIDE + at, vec.to_f32(change_to_last / vec.maximum(step_count, vec.f64(1.0))))
     if material.has_gradients != 0:
         _store_gradients(segment, at, weights, corners)
     if attributes & HAS_COLORS:
@@ -188,21 +189,19 @@ def _corner_indices(segment: Segment, primitive_id: I32x8) -> CornerIndices:
 @inlined
 def _load_eight_columns(table: Pointer[F32], corner_indices: CornerIndices) -> Corners[F32x8x8]:
     """Return the vertices' values in a table of eight columns."""
-    a, b, c, positions = corner_indices
-    return Corners(
-        vec.load_rows(table, a, positions), vec.load_rows(table, b, positions), vec.load_rows(table, c, positions)
-    )
+    a, b, c, places = corner_indices
+    return Corners(vec.load_rows(table, a, places), vec.load_rows(table, b, places), vec.load_rows(table, c, places))
 
 
 @inlined
 def _load_colors(colors: Pointer[F32], corner_indices: CornerIndices) -> Corners[F32x8x4]:
     """Return the vertices' colours."""
-    a, b, c, positions = corner_indices
+    a, b, c, places = corner_indices
     columns = vec.i32(_COLOR_COLUMNS)
     return Corners(
-        vec.load_quads(colors, vec.gather(a, positions) * columns),
-        vec.load_quads(colors, vec.gather(b, positions) * columns),
-        vec.load_quads(colors, vec.gather(c, positions) * columns),
+        vec.load_quads(colors, vec.gather(a, places) * columns),
+        vec.load_quads(colors, vec.gather(b, places) * columns),
+        vec.load_quads(colors, vec.gather(c, places) * columns),
     )
 
 
@@ -226,17 +225,17 @@ def _weighted_sum3(weights: F32x8x3, corners: Corners[F32x8x8], k: I64) -> F32x8
 def _store_attributes(
     rows: Pointer[F32], count: I64, row_weights: RowWeights, corners: Corners[Columns], first_value: I64
 ) -> None:
-    """Store the weighted sums of ``count`` values: ``count`` rows for the top half, as many for the bottom half."""
+    """Store the weighted sums of ``count`` values: ``count`` rows for each half."""
     for j in range(count):
-        vec.store(rows, j * SPAN_STRIDE, _weighted_sum(row_weights.top, corners, first_value + j))
-        vec.store(rows, (count + j) * SPAN_STRIDE, _weighted_sum(row_weights.bottom, corners, first_value + j))
+        vec.store(rows, j * SPAN_STRIDE, _weighted_sum(row_weights.first_half, corners, first_value + j))
+        vec.store(rows, (count + j) * SPAN_STRIDE, _weighted_sum(row_weights.second_half, corners, first_value + j))
 
 
 @inlined
 def _store_weight_sums(rows: Pointer[F32], row_weights: RowWeights) -> None:
     """Store the sums of the weights themselves, one row for each half."""
-    vec.store(rows, 0, row_weights.top[0] + row_weights.top[1] + row_weights.top[2])
-    vec.store(rows, SPAN_STRIDE, row_weights.bottom[0] + row_weights.bottom[1] + row_weights.bottom[2])
+    vec.store(rows, 0, row_weights.first_half[0] + row_weights.first_half[1] + row_weights.first_half[2])
+    vec.store(rows, SPAN_STRIDE, row_weights.second_half[0] + row_weights.second_half[1] + row_weights.second_half[2])
 
 
 @inlined
@@ -250,7 +249,8 @@ def _store_normals(segment: Segment, at: I64, along_span: RowWeights, corners: C
     zero = vec.f32(0.0)
     start, change = (a[k], a[k + 1], a[k + 2]), (zero, zero, zero)
     if not is_constant:
-        start, change = _weighted_sum3(along_span.top, corners, k), _weighted_sum3(along_span.bottom, corners, k)
+        start = _weighted_sum3(along_span.first_half, corners, k)
+        change = _weighted_sum3(along_span.second_half, corners, k)
     store3(normals, 0, SPAN_STRIDE, times(transform_directions(matrix, start), facing))
     store3(advance(normals, 3 * SPAN_STRIDE), 0, SPAN_STRIDE, times(transform_directions(matrix, change), facing))
     return is_constant
@@ -258,7 +258,7 @@ def _store_normals(segment: Segment, at: I64, along_span: RowWeights, corners: C
 
 @inlined
 def _store_flat_normals(segment: Segment, at: I64, p0: F64x8x3, p1: F64x8x3, p2: F64x8x3, sign: F64x8) -> None:
-    """Store the unit normals of triangles, also as those of vertices where a mesh has none.
+    """Store the unit normals of triangles, without HAS_NORMALS also as those of vertices.
 
     Args:
         p0, p1, p2: vertices, metres, optical frame.
@@ -281,7 +281,7 @@ def _store_flat_normals(segment: Segment, at: I64, p0: F64x8x3, p1: F64x8x3, p2:
 @device_function
 def _store_gradients(segment: Segment, at: I64, weights: Weights, corners: Corners[F32x8x8]) -> None:
     """Store how the sum of the weights and the weighted sum of uv0 change per column and per row of the image."""
-    in_image = RowWeights(top=weights.per_column, bottom=weights.per_row)
+    in_image = RowWeights(first_half=weights.per_column, second_half=weights.per_row)
     _store_weight_sums(advance(segment.spans.weight_sum_gradient, at), in_image)
     if segment.attributes & HAS_UV0:
         _store_attributes(advance(segment.spans.uv_gradient, at), 2, in_image, corners, V_UV0)
@@ -292,10 +292,10 @@ def _store_extras(segment: Segment, at: I64, weights: Weights, extras: Corners[F
     """Store weighted sums of uv1 and of tangents."""
     spans, uv1 = segment.spans, UV_SET_ROWS * SPAN_STRIDE + at
     if segment.attributes & HAS_UV1:
-        along_span = RowWeights(top=weights.first, bottom=weights.per_pixel)
+        along_span = RowWeights(first_half=weights.first, second_half=weights.per_pixel)
         _store_attributes(advance(spans.uv, uv1), 2, along_span, extras, E_UV1)
         if segment.material.has_gradients != 0:
-            in_image = RowWeights(top=weights.per_column, bottom=weights.per_row)
+            in_image = RowWeights(first_half=weights.per_column, second_half=weights.per_row)
             _store_attributes(advance(spans.uv_gradient, uv1), 2, in_image, extras, E_UV1)
     if segment.attributes & HAS_TANGENTS:
         tangents = advance(spans.tangent, at)

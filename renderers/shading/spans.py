@@ -4,7 +4,7 @@ primitive ids   7 7 7 7 3 3 9 9 9 . . 7     instance A has the ids 0 to 8, insta
 start bits      1 0 0 0 1 0 1 0 0 1 0 1     ``find_spans``, 64 pixels in a word
 spans           |7      |3  |9    |.  |7
 segments        |A          |B    |   |A    ``next_segment``, which selects an instance and its material
-parts           |           |               ``next_part``: at most PART pixels of a segment are shaded at a time
+parts           |           |       |   |   ``next_part``: at most PART pixels of a segment are shaded at a time
 """
 
 from __future__ import annotations
@@ -55,6 +55,13 @@ class NextSegment(NamedTuple):
     """True: it sees no primitive, and no instance is selected."""
 
 
+class PartEnd(NamedTuple):
+    """What follows a part of a segment."""
+
+    pixel: I64
+    span: I64
+
+
 def _span_offsets() -> NDArray[np.int32]:
     starts = np.arange(128)[:, None] >> np.arange(7) & 1
     return np.ascontiguousarray(np.pad(np.cumsum(starts, axis=1), ((0, 0), (1, 0))), np.int32)
@@ -62,13 +69,13 @@ def _span_offsets() -> NDArray[np.int32]:
 
 SPAN_OFFSETS: Final = _span_offsets()
 """(128, 8): for eight pixels, the index of each pixel's span, counted from the first pixel's span. The row of the table
-has seven start bits: bit k - 1 is set if a span begins at pixel k, 1 <= k <= 7."""
+has seven start bits: bit k - 1 is that of pixel k."""
 
 
 @device_function
 def begin_rows(segment: Segment, job: ShadingInputs, width: I64, spans: Spans, pixels: ShadedPixels) -> None:
     """Give a Segment its working memory for rows of at most ``width`` pixels; ``end_rows`` frees it."""
-    max_spans = width + width // PART + 4 * vec.LANES
+    max_spans = width + 4 * vec.LANES  # a span has a pixel at least; accesses of eight overrun
     segment.job, segment.spans, segment.pixels = job, spans, pixels
     segment.start_bits = i64_at(allocate(8 * (width // _WORD + 3)))
     segment.span_starts, segment.span_ids = i32_at(allocate(4 * max_spans)), i32_at(allocate(4 * max_spans))
@@ -105,7 +112,7 @@ def find_spans(segment: Segment, y: I64, columns: Address, pixel_ids: Pointer[I3
             bits &= (i64(1) << (width - x)) - 1
         _append_spans(segment, x, bits, count)
         count += vec.count_bits(bits)
-    # For reads beyond the row: start bits, and its end as the start of a span after the last one.
+    # Beyond the row: a word of start bits, and ``width`` as the start of one more span, where the last one ends.
     segment.start_bits[(width + _WORD - 1) // _WORD] = _ALL_BITS
     vec.store(segment.span_starts, count, vec.i32(width))
     return count
@@ -147,23 +154,23 @@ def _append_spans(segment: Segment, x: I64, bits: I64, count: I64) -> None:
 
 
 @inlined
-def next_part(segment: Segment, span: I64, begin: I64, end: I64) -> tuple[I64, I64]:
-    """Return the end of the next part of a segment: the pixel and the span after it.
+def next_part(segment: Segment, span: I64, begin: I64, end: I64) -> PartEnd:
+    """Return the end of the next part of a segment.
 
     Args:
         span: the part's first span.
         begin: index in the row of the part's first pixel.
         end: index after the segment's last pixel.
     """
-    part_end = min(end, (begin & -PART) + PART)
+    end_span, part_end = span, min(end, (begin & -PART) + PART)
     for x in range(begin & -_WORD, part_end, _WORD):
         bits = segment.start_bits[x // _WORD]
         if x < begin:
             bits &= i64(_ALL_BITS) << (begin - x)
         if part_end - x < _WORD:
             bits &= (i64(1) << (part_end - x)) - 1
-        span += vec.count_bits(bits)
-    return part_end, span
+        end_span += vec.count_bits(bits)
+    return PartEnd(part_end, end_span)
 
 
 @device_function

@@ -1,7 +1,7 @@
 """Semi-global matching of a rectified pair, with an error and a confidence for each match.
 
 OpenCV's matcher finds the disparities. Its interpolation prefers whole pixels by up to 0.2 pixels, so two steps of
-``residual_shift`` refine them. They correct the mean of a window, so they start from smoothed matches.
+``residual_shift`` refine them. A step corrects the mean disparity of a window, so the first starts from smoothed ones.
 """
 
 from __future__ import annotations
@@ -38,14 +38,14 @@ MAX_DIFFERENCE: Final = 4.0
 """Difference of the disparities in images of full and of half the size above which only one can be right, pixels."""
 MIN_REGION: Final = 17
 """Side of the smallest region in which the half-size images decide, pixels: at edges, they are less exact."""
-NEAR_REGION: Final = 640
-"""Width of an image in which the smallest thing that can be the nearest one is two pixels larger, in the half-size
-images: matches of less may be wrong. It is 1 pixel at Low and Medium, 3 at High, 5 at Full."""
+NEAREST_WINDOW_STEP: Final = 640
+"""Image width per two pixels of the window in which half-size matches must agree to be the nearest thing; fewer may be
+wrong. The window has 1 pixel at Low and Medium, 3 at High, 5 at Full."""
 REACH_MARGIN: Final = 16
 """Disparities beyond the largest one in the half-size images that are searched, pixels."""
 BAND_MARGIN: Final = 32
 """Rows beyond the border of a band that are matched with it: they support the matches, features and means inside."""
-MIN_ROWS_OF_BANDS: Final = 8 * BAND_MARGIN
+MIN_HEIGHT_OF_BANDS: Final = 8 * BAND_MARGIN
 """Height of the smallest image that is matched in two bands."""
 MAX_REFINEMENT: Final = 0.5
 """Maximum change of a disparity by the refinement, pixels. A larger one follows another surface."""
@@ -126,7 +126,7 @@ def match_pair(
         parallel: matches both halves at a time.
     """
     height = len(left)
-    bands = 2 if height >= MIN_ROWS_OF_BANDS else 1
+    bands = 2 if height >= MIN_HEIGHT_OF_BANDS else 1
     images = DepthImages(np.empty_like(left), np.empty(left.shape, np.uint8), np.empty(left.shape, np.uint8))
 
     def match_band(band: int) -> None:
@@ -174,9 +174,10 @@ def refined_matches(
     matches = _semi_global_matches(grey_levels(left), grey_levels(right), disparity_count)
     start = matches.astype(np.float32) * np.float32(DISPARITY_SCALE)
     refined = _smoothed(start)
-    even_left, even_right = without_local_mean(left), without_local_mean(right)
+    left_detail, right_detail = without_local_mean(left), without_local_mean(right)
     for _ in range(REFINEMENTS):
-        shift = residual_shift(even_left, even_right, refined, REFINEMENT_RADIUS, noise_sigma)
+        shift = residual_shift(left_detail, right_detail, refined, REFINEMENT_RADIUS, noise_sigma)
+        # At least one unit: 0 is no match.
         refined = np.where(start > 0.0, np.maximum(refined + shift, np.float32(DISPARITY_SCALE)), np.float32(0.0))
     is_refined = np.abs(refined - start) <= MAX_REFINEMENT
     return np.asarray(np.where(is_refined, refined, start), np.float32)
@@ -188,8 +189,8 @@ def _smoothed(disparity: NDArray[np.float32]) -> NDArray[np.float32]:
     A pixel whose disparity differs by more than ``MAX_REFINEMENT`` from the mean, as beside an edge, keeps it.
     """
     window = (2 * REFINEMENT_RADIUS + 1,) * 2
-    counts = cv2.boxFilter((disparity > 0.0).astype(np.float32), -1, window)
-    mean = cv2.boxFilter(disparity, -1, window) / np.maximum(counts, np.float32(1e-3))
+    known_share = cv2.boxFilter((disparity > 0.0).astype(np.float32), -1, window)
+    mean = cv2.boxFilter(disparity, -1, window) / np.maximum(known_share, np.float32(1e-3))
     is_smooth = (disparity > 0.0) & (np.abs(mean - disparity) <= MAX_REFINEMENT)
     return np.asarray(np.where(is_smooth, mean, disparity), np.float32)
 
@@ -199,8 +200,8 @@ def _semi_global_matches(left: NDArray[np.uint8], right: NDArray[np.uint8], disp
 
     Images of half the size are matched first, for two reasons:
 
-    * The largest disparity in them limits the search, which takes a third of the time in a room whose nearest point
-      is at a third of the measurable range.
+    * The largest disparity in them limits the search. In a room whose nearest point is at a third of the measurable
+      range, it takes a third of the time.
     * Where a texture repeats, the matcher prefers the repetition that is nearest to a whole pixel. Of a wall whose
       texture repeats every metre, 1 % of the pixels were right. In images of half the size, the details that decide
       this are gone. Their matches replace those of large regions that differ: then all pixels of the wall are right.
@@ -208,7 +209,7 @@ def _semi_global_matches(left: NDArray[np.uint8], right: NDArray[np.uint8], disp
     height, width = left.shape
     half_left, half_right = (np.asarray(cv2.pyrDown(image), np.uint8) for image in (left, right))
     half_matches = _opencv_matches(half_left, half_right, -(-disparity_count // 2)) * 2
-    side = 2 * (width // NEAR_REGION) + 1
+    side = 2 * (width // NEAREST_WINDOW_STEP) + 1
     nearest = int(cv2.erode(half_matches, np.ones((side, side), np.uint8)).max())
     reach = math.ceil(nearest * DISPARITY_SCALE) + REACH_MARGIN if nearest else disparity_count
     matches = _opencv_matches(left, right, min(reach, disparity_count))

@@ -28,7 +28,7 @@ ROUNDING_NOISE: Final = 0.15
 SHARPNESS: Final = -0.6
 """Parameter of the cubic interpolation between pixels (Keys 1981). Catmull-Rom has -0.5, OpenCV -0.75. Between them,
 the mean shift does not depend on the sub-pixel phase."""
-PHASES: Final = 64
+PHASE_COUNT: Final = 64
 """Sub-pixel positions of the interpolation."""
 MAX_RADIUS: Final = 5
 """Maximum radius of a window, pixels: the sums of larger ones exceed 32 bits."""
@@ -39,8 +39,8 @@ _WEIGHT_BITS: Final = 8
 
 
 def _interpolation_weights() -> NDArray[np.int32]:
-    """Return the weights of four neighbours for each sub-pixel position, (``PHASES``, 4) int32, units of 1/256."""
-    distance = np.abs(np.arange(PHASES)[:, None] / PHASES - np.arange(-1, 3))
+    """Return the weights of four neighbours for each sub-pixel position, (``PHASE_COUNT``, 4) int32, units of 1/256."""
+    distance = np.abs(np.arange(PHASE_COUNT)[:, None] / PHASE_COUNT - np.arange(-1, 3))
     a = SHARPNESS
     near = ((a + 2.0) * distance - (a + 3.0)) * distance**2 + 1.0
     far = ((distance - 5.0) * distance + 8.0) * distance * a - 4.0 * a
@@ -100,7 +100,7 @@ def _residual_shift(
 
     Args:
         prior: weight of a shift of 0 per pixel of the window, squared units of the gradient.
-        weights: (``PHASES``, 4), ``_interpolation_weights``.
+        weights: (``PHASE_COUNT``, 4), ``_interpolation_weights``.
         shift: (H, W), output, pixels.
     """
     height, width = left.shape
@@ -212,17 +212,17 @@ def _multiply_rows(
         right: (W,), likewise.
         disparity: (W,), pixels, 0: unknown.
         radius: columns of padding on each side.
-        weights: (``PHASES``, 4), ``_interpolation_weights``.
+        weights: (``PHASE_COUNT``, 4), ``_interpolation_weights``.
         product: (W + 2 ``radius``,), output, gradient times difference.
         square: (W + 2 ``radius``,), output, squared gradient.
         count: (W + 2 ``radius``,), output, 1 where the disparity is known.
     """
     last = len(left) - 1
     for column in range(len(left)):
-        position = column * PHASES - int(disparity[column] * f32(PHASES) + f32(0.5))
+        position = column * PHASE_COUNT - int(disparity[column] * f32(PHASE_COUNT) + f32(0.5))
         if disparity[column] <= f32(0.0) or position < 0:
             continue
-        whole, weight = position // PHASES, weights[position & (PHASES - 1)]
+        whole, weight = position // PHASE_COUNT, weights[position & (PHASE_COUNT - 1)]
         level = weight[0] * i32(right[max(whole - 1, 0)]) + weight[1] * i32(right[whole])
         level += weight[2] * i32(right[min(whole + 1, last)]) + weight[3] * i32(right[min(whole + 2, last)])
         difference = i32(left[column]) - (level + (1 << (_WEIGHT_BITS - 1)) >> _WEIGHT_BITS)

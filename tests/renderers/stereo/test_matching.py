@@ -11,7 +11,7 @@ from numpy.testing import assert_array_equal
 from gateway.adapters.stereo.device.profile import read_profile
 from renderers.raster import CpuRenderer
 from renderers.stereo.depth.depth_images import DepthRange, true_disparity
-from renderers.stereo.depth.matching import MIN_ROWS_OF_BANDS, fine_means, match_pair
+from renderers.stereo.depth.matching import MIN_HEIGHT_OF_BANDS, fine_means, match_pair
 from renderers.stereo.light.projector import projected_dots
 from renderers.stereo.model import Quality
 from renderers.stereo.sensor.camera_image import (
@@ -75,13 +75,13 @@ def test_a_small_near_thing_is_found_before_a_far_wall(width: int) -> None:
 def test_both_halves_of_an_image_are_matched_at_a_time_without_a_seam() -> None:
     """The result does not depend on the threads, and a wall has the same depth on both sides of the border."""
     random = np.random.default_rng(3)
-    right = random.integers(300, 3000, (MIN_ROWS_OF_BANDS, 320), np.uint16)
+    right = random.integers(300, 3000, (MIN_HEIGHT_OF_BANDS, 320), np.uint16)
     left = np.roll(right, 20, axis=1)
     one_thread = match_pair(left, right, 48, 0.3)
     with closing(CpuRenderer(2)) as renderer:
         two_threads = match_pair(left, right, 48, 0.3, renderer.parallel)
     for name in ("disparity", "error", "confidence"):
         assert_array_equal(getattr(two_threads, name), getattr(one_thread, name))
-    middle = MIN_ROWS_OF_BANDS // 2
+    middle = MIN_HEIGHT_OF_BANDS // 2
     beside_border = two_threads.disparity[middle - 3 : middle + 3, 60:-20]
     assert_array_equal(beside_border, np.full_like(beside_border, 20 * 16))
