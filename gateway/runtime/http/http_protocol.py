@@ -7,6 +7,7 @@ extended here; docs/decisions/0012-bounded-http-protocol.md says why, and which 
 from __future__ import annotations
 
 import asyncio
+import re
 from collections.abc import Callable
 from enum import Enum, auto
 from http import HTTPStatus
@@ -41,6 +42,9 @@ DISCARD_SECONDS: Final = 30.0
 DISCARD_BYTES: Final = 512 << 20
 """Bytes of such a body that are discarded, so that clients that send everything first can read the response."""
 
+_H2C: Final = re.compile(rb"(?i)\r\nupgrade(: ?h2c(?=\r\n|\Z))")
+"""Header that offers HTTP/2 beside HTTP/1.1, as Java's HttpClient does in each request. The parser would take what
+comes after the request for HTTP/2, so the header gets another name."""
 CONNECTION: Final = "scenegate.connection"
 """Key of the protocol in the scope of its requests."""
 _WHOLE_READ_BYTES: Final = 1 << 20
@@ -133,6 +137,9 @@ class BoundedHttpProtocol(BodyConnection, SlicedReads, HttpToolsProtocol):
             return
         self.body_progressed = True
         self._bytes_without_progress += len(data)
+        if state_before in (State.IDLE, State.HEAD) and b"h2c" in data[:SLICE_BYTES]:
+            head, blank_line, rest = data.partition(b"\r\n\r\n")
+            data = _H2C.sub(rb"\r\nignored\1", head) + blank_line + rest
         HttpToolsProtocol.data_received(self, data)  # not super(): the method of SlicedReads calls this one
         if self._bytes_without_progress > MAX_HEAD_BYTES and self.state is not State.REFUSED:
             in_body = self.state in (State.BODY, State.DISCARD)

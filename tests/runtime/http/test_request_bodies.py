@@ -184,10 +184,21 @@ async def test_expect_100_continue(endpoint: Application) -> None:
     assert endpoint.received == len(body)
 
 
-@pytest.mark.parametrize("protocol", [b"h2c", b"websocket"])
+@pytest.mark.parametrize("last", [True, False])
+async def test_offers_of_http_2_are_ignored(endpoint: Application, last: bool) -> None:
+    """As Java's HttpClient makes them with each request of a connection."""
+    offer = [b"Connection: Upgrade, HTTP2-Settings", b"HTTP2-Settings: AAEAAEAA", b"Upgrade: h2c"]
+    length = b"Content-Length: 3"
+    headers = b"\r\n".join([b"Host: h", *((length, *offer) if last else (*offer, length))])
+    async with serving(endpoint) as connect, connect() as (reader, writer):
+        for body in (b"abc", b"h2c"):
+            writer.write(b"POST /take HTTP/1.1\r\n" + headers + b"\r\n\r\n" + body)
+            assert await answer(reader) == (200, summary(body))
+
+
 @pytest.mark.parametrize("more", [b"content-length: 300000", b"transfer-encoding: chunked"])
-async def test_upgrade_with_a_body_is_refused(endpoint: Application, protocol: bytes, more: bytes) -> None:
-    head = b"POST /take HTTP/1.1\r\nhost: h\r\nconnection: Upgrade\r\nupgrade: %s\r\n%s\r\n\r\n" % (protocol, more)
+async def test_upgrade_with_a_body_is_refused(endpoint: Application, more: bytes) -> None:
+    head = b"POST /take HTTP/1.1\r\nhost: h\r\nconnection: Upgrade\r\nupgrade: websocket\r\n%s\r\n\r\n" % more
     async with serving(endpoint) as connect, connect() as (reader, writer):
         writer.write(head + bytes(300_000))
         status, text = await answer(reader)
