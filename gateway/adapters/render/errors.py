@@ -19,7 +19,7 @@ class RequestError(Exception):
     def __init__(self, status: int, sentence: str) -> None:
         super().__init__(sentence)
         self.status = status
-        """HTTP status: 400 (bad request), 408 (upload stalled) or 413 (body too large)."""
+        """HTTP status: 400 (bad request), 408 (upload stalled), 413 (body too large) or 415 (compressed)."""
         self.sentence = sentence
         """Error message, which names the field or glTF element and the reason."""
 

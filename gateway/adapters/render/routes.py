@@ -61,6 +61,7 @@ _RESPONSES: Final = {
             400: "The form, the scene or its camera is invalid; the text names the field or glTF element and why.",
             408: "The upload stalled.",
             413: "The body is too large.",
+            415: "The form is compressed (Content-Encoding).",
             500: "Internal error; the text has the request's id.",
             503: "The queue is full (with Retry-After), or rendering took too long (without).",
         }

@@ -16,7 +16,7 @@ from starlette.requests import ClientDisconnect
 from starlette.types import Receive, Scope, Send
 
 from gateway.adapters.render.config import RenderConfig
-from gateway.adapters.render.errors import RequestError, message_bytes
+from gateway.adapters.render.errors import RequestError, message_bytes, quoted
 from gateway.adapters.render.failures import FailureStore
 from gateway.adapters.render.form import FormReader, body_too_large
 from gateway.adapters.render.pipeline import Backdrop, EncodedImage, Pipeline
@@ -165,6 +165,8 @@ class RenderService:
             and int(content_length) > config.max_body_bytes
         ):
             raise body_too_large(int(content_length), config)
+        if (coding := headers.get("content-encoding", "identity").lower()) != "identity":
+            raise RequestError(415, f"Content-Encoding is {quoted(coding)}: send the form without compression")
         reader = FormReader(headers.get("content-type", ""), config)
         loop = asyncio.get_running_loop()
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import gc
+import gzip
 import json
 import random
 import re
@@ -61,6 +62,17 @@ async def test_image_does_not_depend_on_body_pieces(start: Start, watched: Watch
         assert [call[0].instances for call in watched.calls]
         assert len(watched.calls) == 6
         assert server.service.inflight_bytes == 0
+
+
+async def test_compressed_forms_are_refused_by_name(start: Start, watched: WatchedRenderer) -> None:
+    form = gzip.compress(body(LARGE, drake_fields("color")))
+    async with start(watched) as server, listening(server.app) as port, asyncio.timeout(SECONDS):
+        reader, writer = await asyncio.open_connection("127.0.0.1", port)
+        writer.write(request(form).replace(b"Host: h", b"Host: h\r\nContent-Encoding: gzip", 1))
+        status, text = await answer(reader)
+        assert status == 415
+        assert b"gzip" in text
+        writer.close()
 
 
 async def test_disconnected_clients_free_their_places(start: Start, watched: WatchedRenderer) -> None:
