@@ -172,17 +172,22 @@ def decodable_texture(data: bytes) -> bytes:
 def _with_warnings(resolve: ReadReferencedFile, warnings: list[str]) -> ReadReferencedFile:
     """Return ``resolve`` with a warning about each file for which it raises an error.
 
-    A file that is named by its path on another machine is looked for beside the mesh file.
+    It takes several names of a file, separated by line ends. A file that is named by its path on another machine is
+    looked for beside the mesh file.
     """
 
     def warn(text: str) -> None:
         if text not in warnings:
             warnings.append(text)
 
-    def resolve_or_warn(name: str) -> bytes:
+    def resolve_or_warn(names: str) -> bytes:
+        name, *others = names.split("\n")
         try:
             return resolve(name)
         except (OSError, ValueError) as error:
+            for other in others:
+                with contextlib.suppress(OSError, ValueError):
+                    return resolve(other)
             beside = name.replace("\\", "/").rpartition("/")[2]
             if beside != name:
                 with contextlib.suppress(OSError, ValueError):

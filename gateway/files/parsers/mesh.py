@@ -97,7 +97,7 @@ def _read(read_file: ReadFile, data: bytes, extension: str, options: MeshOptions
     libraries: list[str] = []
     if extension == "obj":
         original = data = with_plain_blanks(data)
-        libraries = [line.decode("utf-8", "replace").strip() for line in _LIBRARIES.findall(data)]
+        libraries = [line.decode("utf-8", "replace").strip().strip('"') for line in _LIBRARIES.findall(data)]
         data = with_unit_colors(with_absolute_faces(data))
     result = MeshData()
     textures = TextureFiles(read_file, result)
@@ -145,15 +145,17 @@ class _Resolver(trimesh.resolvers.Resolver):
         self._read_file = read_file
         self._libraries = libraries
         self._textures = textures
+        self._folders: list[str] = []
+        """Folders of the MTL files that were read: textures are relative to the OBJ or to the MTL file."""
         self.materials: set[bytes] = set()
         """Names of all materials in the MTL files that were read."""
 
     def get(self, name: str) -> bytes:
-        if name == next(iter(self._libraries), None):  # trimesh reads the first statement only, as one name
+        if name.strip('" ') == next(iter(self._libraries), None):  # trimesh reads the first statement only, as one name
             names = (name for line in self._libraries for name in _BETWEEN_LIBRARIES.split(line))
             return b"\n".join(map(self._read_library, dict.fromkeys(names)))
         name = _texture_name(str(name))
-        data = self._read_file(name)
+        data = self._read_file("\n".join(dict.fromkeys((name, *(folder + name for folder in self._folders)))))
         return self._textures.encoded(name, data)
 
     def _read_library(self, name: str) -> bytes:
@@ -165,6 +167,7 @@ class _Resolver(trimesh.resolvers.Resolver):
         data = with_plain_blanks(data.replace(b"\r\n", b"\n"))
         data = _GRAY.sub(rb"\1 \2 \2 \2", _COMMENT.sub(rb"\1", data))
         self.materials |= {material.strip() for material in _DEFINED_MATERIAL.findall(data)}
+        self._folders.append(name[: max(name.rfind("/"), name.rfind("\\")) + 1])
         return data
 
     def write(self, name: str, data: object) -> None:

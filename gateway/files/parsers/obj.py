@@ -24,14 +24,15 @@ _POSITION: Final = re.compile(rb"^[ \t]*v((?:[ \t]+[^\s]+){3})", re.MULTILINE)
 _POLYGON: Final = re.compile(rb"^[ \t]*f(?=[ \t])((?:[ \t]+[\d/]+){4,})[ \t]*(?:#[^\r\n]*)?\r?$", re.MULTILINE)
 """Face with four or more corners."""
 _OTHER_INDICES: Final = re.compile(rb"/[\d/]*")
+_NAME_COMMENT: Final = re.compile(rb"^((?:usemtl|mtllib) [^\r\n#]*) #[^\r\n]*", re.MULTILINE)
 _INDENTATION: Final = re.compile(rb"^ +(?=\S)", re.MULTILINE)
 _MISSING: Final = 999_999_999
 """Index that trimesh refuses; one below 1 would count from the end of the file."""
 
 
 def with_plain_blanks(data: bytes) -> bytes:
-    """Return an OBJ or MTL file without a byte order mark and indentation, and with spaces in place of tabs."""
-    data = data.removeprefix(b"\xef\xbb\xbf").replace(b"\t", b" ")
+    """Return an OBJ or MTL file without a byte order mark, indentation, tabs, and comments behind names."""
+    data = _NAME_COMMENT.sub(rb"\1", data.removeprefix(b"\xef\xbb\xbf").replace(b"\t", b" "))
     return _INDENTATION.sub(b"", data) if b"\n " in data or data.startswith(b" ") else data
 
 

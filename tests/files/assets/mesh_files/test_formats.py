@@ -342,6 +342,20 @@ def test_a_second_texture_of_a_ply_file_has_a_warning(root: Path, files: MeshFil
     assert len(warnings) == 1
 
 
+@pytest.mark.parametrize("library", ["m/t.mtl", '"m/t.mtl"', "./m/t.mtl # materials"])
+@pytest.mark.parametrize("texture", ["p.png", "-s 1 1 1 p.png", "sub/p.png", "../p.png"])
+def test_textures_are_relative_to_the_file_of_the_material(
+    root: Path, files: MeshFiles, library: str, texture: str
+) -> None:
+    write(root / "m" / texture.split()[-1], png((255, 0, 0)))
+    write(root / "m/t.mtl", f"newmtl m\nmap_Kd {texture}\nmap_d {texture}\n")
+    write(root / "t.obj", f"mtllib {library}\nvt 0 0\n" + TRIANGLE.replace("f 1 2 3", "usemtl m # it\nf 1/1 2/1 3/1"))
+    warnings: list[str] = []
+    (part,) = files.load("t.obj", warnings=warnings)
+    assert part.material.base_color_texture is not None
+    assert warnings == []
+
+
 @pytest.mark.parametrize("name", ["/home/other/tex/p.png", r"C:\other tex\p.png", r".\p.png", '"p.png"', "tex/p.png"])
 def test_a_texture_named_by_a_path_of_another_machine_is_looked_for_beside_the_mesh(
     root: Path, files: MeshFiles, name: str
