@@ -1,4 +1,4 @@
-"""Reads legacy VTK files (.vtk): surfaces of polygons, boundaries of volumes, clouds of vertices, and their colours.
+"""Reads legacy VTK files (.vtk): polygons, surfaces of grids and boundaries of volumes, clouds of vertices, colours.
 
 Source: "VTK File Formats", section "Simple Legacy Formats". Versions 2 to 4 (CELLS as counts and indices) and version 5
 (OFFSETS and CONNECTIVITY) are read. Drake's hydroelastic meshes are UNSTRUCTURED_GRID files of tetrahedra.
@@ -39,6 +39,7 @@ _VERTICES: Final = (1, 2)
 """Cell types that are points."""
 _WITHOUT_SURFACE: Final = (0, *_VERTICES, 3, 4, 21, 35)
 """Cell types that are points or lines."""
+_DATA_SETS: Final = (b"polydata", b"unstructured_grid", b"structured_grid")
 _SECTIONS: Final = {b"vertices": 2, b"lines": 4, b"polygons": _POLYGON, b"triangle_strips": _STRIP}
 """Cell types by the keyword of a section of POLYDATA."""
 _COLORS: Final = re.compile(rb"(?im)^(?:(POINT|CELL)_DATA[ \t]+\d+|COLOR_SCALARS[ \t]+\S+[ \t]+([1-4]))[ \t\r]*$")
@@ -164,15 +165,20 @@ def read_vtk(
     points: list[NDArray[np.int64]] = []
     sizes: list[NDArray[np.int64]] = []
     types: list[NDArray[np.int64]] = []
+    shape: tuple[int, ...] = ()
     while word := parser.word():
-        if word == b"dataset" and (kind := parser.word()) not in (b"polydata", b"unstructured_grid"):
-            name = kind.decode("ascii", "replace").upper()[:40]
-            raise MeshFaultError(
-                f"its data set is {name}, only POLYDATA and UNSTRUCTURED_GRID have surfaces that are read"
-            )
-        if word == b"points":
+        if word == b"dataset" and (kind := parser.word()) not in _DATA_SETS:
+            names = ", ".join(name.decode().upper() for name in _DATA_SETS)
+            raise MeshFaultError(f"its data set is {kind.decode('ascii', 'replace').upper()[:40]}, not {names}")
+        if word == b"dimensions":
+            shape = tuple(parser.count(max_vertices) for _ in range(3))[::-1]
+        elif word == b"points":
             count = parser.count(max_vertices)
             positions = parser.numbers(parser.word(), 3 * count).reshape(count, 3).astype(np.float32)
+            if shape:
+                corners, kind_of_cell = _grid_cells(shape, count, max_triangles)
+                points, sizes = [corners.ravel()], [np.full(len(corners), corners.shape[1])]
+                types = [np.full(len(corners), kind_of_cell)]
         elif word == b"cells" or word in _SECTIONS:
             points_of_section, sizes_of_section = _cells(parser, max_triangles)
             points.append(points_of_section)
@@ -204,6 +210,25 @@ def read_vtk(
         np.arange(triangles.size).reshape(-1, 3),
         colors[1][cell[:, 0]].repeat(3, axis=0),
     )
+
+
+def _grid_cells(shape: tuple[int, ...], points: int, limit: int) -> tuple[NDArray[np.int64], int]:
+    """Return the points of the cells of a structured grid, (N, corners), and their type: quads, or hexahedra.
+
+    ``shape``: number of points along z, y and x.
+    """
+    if int(np.prod(shape, dtype=np.float64)) != points or points > limit:
+        raise MeshFaultError(
+            f"its {points} points are no grid of {shape[2]} x {shape[1]} x {shape[0]}, or beyond {limit}"
+        )
+    grid = np.arange(points).reshape([count for count in shape if count > 1])
+    if grid.ndim < 2:
+        return np.zeros((0, 4), np.int64), _QUAD
+    low, high = grid[..., :-1, :], grid[..., 1:, :]
+    faces = np.stack((low[..., :-1], low[..., 1:], high[..., 1:], high[..., :-1]), axis=-1)
+    if grid.ndim == 2:
+        return faces.reshape(-1, 4), _QUAD
+    return np.concatenate((faces[:-1], faces[1:]), axis=-1).reshape(-1, 8), _HEXAHEDRON
 
 
 def _cells(parser: _Parser, limit: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:

@@ -447,7 +447,22 @@ def test_obj_vertices_without_colours_beside_some_with(full: int) -> None:
     ]
 
 
-@pytest.mark.parametrize("kind", ["STRUCTURED_POINTS", "STRUCTURED_GRID", "RECTILINEAR_GRID"])
+@pytest.mark.parametrize(
+    ("dimensions", "expected"), [((3, 2, 1), 2.0), ((1, 3, 2), 2.0), ((2, 1, 3), 2.0), ((3, 2, 2), 10.0)]
+)
+def test_structured_grids_of_vtk_files(dimensions: tuple[int, int, int], expected: float) -> None:
+    nx, ny, nz = dimensions
+    points = "".join(f"{x} {y} {z}\n" for z in range(nz) for y in range(ny) for x in range(nx))
+    head = VTK.replace(b"POLYDATA", b"STRUCTURED_GRID") + b"DIMENSIONS %d %d %d\nPOINTS %d float\n" % (
+        *dimensions,
+        nx * ny * nz,
+    )
+    assert area(head + points.encode(), "vtk") == pytest.approx(expected)
+    wrong = head.replace(b"DIMENSIONS %d" % nx, b"DIMENSIONS 7")
+    assert "grid" in fault(wrong + points.encode(), "vtk")
+
+
+@pytest.mark.parametrize("kind", ["STRUCTURED_POINTS", "RECTILINEAR_GRID"])
 def test_data_sets_of_vtk_files_that_are_not_read_are_named(kind: str) -> None:
     assert kind in fault(VTK.replace(b"POLYDATA", kind.encode()) + b"DIMENSIONS 2 2 1\n", "vtk")
 
