@@ -24,6 +24,7 @@ HELP = """Serve all protocols until SIGTERM or Ctrl+C.
 
 Each flag is also an environment variable (SCENEGATE_HTTP_PORT=9000) and a key of the TOML file (http_port = 9000).
 Flags override the environment, which overrides the file. --help-all lists all flags, --help the common ones.
+A switch such as --demo is turned off by --no-demo.
 """
 COMMON = frozenset(
     {
@@ -68,6 +69,7 @@ def _print_all_flags(context: typer.Context, wanted: bool) -> None:
         return
     for parameter in context.command.params:
         parameter.hidden = False  # type: ignore[attr-defined]  # all are options
+        parameter.secondary_opts = []  # --no-…, whose column would leave too little of 80 characters for the others
     typer.echo(context.get_help())
     raise typer.Exit
 
