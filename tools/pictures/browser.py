@@ -43,7 +43,6 @@ class Pictures:
     def demo(self) -> None:
         """The demo scene and what the stereo camera sees of it."""
         with gateway("--demo", *FLAGS) as running, self._page(running, "light&shadows=on") as page:
-            page.get_by_role("button", name="Selection, stereo").click()
             page.locator("[data-image=disparity] img").wait_for()
             self._shoot(page, "demo")
 
