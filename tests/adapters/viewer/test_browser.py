@@ -625,11 +625,17 @@ def test_the_light_of_the_view_is_that_of_its_render(view: tuple[View, Publisher
     page.keyboard.press("Escape")
     shown.until(lambda: shown.share("red") == 0.0, "a dark box")
     assert parameters() == {"light_strength": ["0"], "light_ambient": ["0.1"]}
+    shown.until(lambda: "&light_strength=0&light_ambient=0.1" in page.url, "the light is in the address")
+    page.reload()
+    shown.wait_for_node("lit")
+    assert parameters() == {"light_strength": ["0"], "light_ambient": ["0.1"]}
+    shown.until(lambda: shown.share("red") == 0.0, "a dark box again")
     shown.open_display_menu()
     page.get_by_role("button", name="Reset the light").click()
     page.keyboard.press("Escape")
     shown.until(lambda: shown.share("red") > 0.02, "a red box again")
     assert parameters() == {}
+    shown.until(lambda: "light_" not in page.url, "the address has no light")
 
 
 def test_background_choices(view: tuple[View, Publisher]) -> None:

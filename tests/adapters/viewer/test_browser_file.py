@@ -109,7 +109,8 @@ def test_a_file_shows_what_the_live_page_shows(
     )
     live = View(browser, url)
     live.look_at("cloud")
-    file = download(url, tmp_path, "?seconds=0")
+    file = download(url, tmp_path, "?seconds=0&view=%26light_strength%3D0.5")
+    live.page.evaluate("location.hash = '&light_strength=0.5'")
     assert file.stat().st_size < MAX_PAGE_BYTES
     opened = FileView(browser, file)
     opened.look_at("cloud")
@@ -119,6 +120,7 @@ def test_a_file_shows_what_the_live_page_shows(
         return float((np.abs(pixels_of(live) - pixels_of(opened)).max(axis=2) > 24).mean())
 
     opened.until(lambda: differences() < 0.002, "the same image")
+    assert [each.page.evaluate("scenegate.light.change.value.strength") for each in (live, opened)] == [0.5, 0.5]
     assert live.share("red") > 0.02
     assert live.share("green") > 0.02
     _check_panels(opened)

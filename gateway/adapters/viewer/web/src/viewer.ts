@@ -31,10 +31,13 @@ export class Viewer {
   readonly stage: Stage = new Stage(() => imageQuery(this));
   readonly topView = new TopView();
   readonly drawing = new Drawing(this.session.model, this.stage);
-  readonly viewLight = new ViewLight((change) => {
-    this.stage.lights.adapt(change);
-    this.followLights();
-  });
+  readonly viewLight = new ViewLight(
+    (change) => {
+      this.stage.lights.adapt(change);
+      this.followLights();
+    },
+    () => this.address.write(),
+  );
   readonly frustum = new Frustum(this.stage.redraw);
   readonly follow = new Follow(this.session.model, () => {
     this.stage.rig.placements += 1; // it is not the home view any more
@@ -62,7 +65,7 @@ export class Viewer {
     const { canvas, rig } = stage;
     const writeAddress = () => this.address.write();
     this.timeline = new Timeline(report, writeAddress);
-    this.address = new CameraAddress(rig, this.follow, this.timeline, () => this.home.isShown);
+    this.address = new CameraAddress(rig, this.follow, this.timeline, this.viewLight, () => this.home.isShown);
     this.clickable = new Clickable(canvas, (x, y) => this.hitAt(x, y).node, report);
     stage.scene.add(this.marks.object);
     stage.world.add(this.frustum.object, this.measurement.object);
@@ -127,12 +130,13 @@ export class Viewer {
     });
   }
 
-  /** Take the camera from the address. Called when the view has its size. */
+  /** Take the view from the address. Called when the view has its size. */
   followAddress(): void {
     const { stage, follow } = this;
     stage.resize(); // the text of an orthographic camera has a width
-    this.address.read(({ camera, followed, time }) => {
+    this.address.read(({ camera, followed, time, light }) => {
       this.timeline.open(time);
+      this.viewLight.change.value = light;
       if (!camera) return;
       this.home.leave();
       if (camera.orthographic) options.orthographic.shown.value = "on";

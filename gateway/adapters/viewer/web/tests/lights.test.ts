@@ -41,7 +41,10 @@ it("changes the first directional light and the environment, and changes back", 
 });
 
 it("has parameters for the gateway's images only while it is changed", () => {
-  const light = new ViewLight(() => undefined);
+  const light = new ViewLight(
+    () => undefined,
+    () => undefined,
+  );
   expect(light.query).toEqual({});
   light.change.value = { ...NO_CHANGE, azimuth: -30, ambient: 0 };
   expect(light.query).toEqual({ light_azimuth: "-30", light_ambient: "0" });

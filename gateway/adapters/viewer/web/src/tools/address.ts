@@ -1,10 +1,13 @@
-// What follows `#` in the page's address: the camera, and the moment that is shown. A link to it, and a page that is loaded again, show the same view.
+// What follows `#` in the page's address: the camera, the moment and the light that are shown. A link to it, and a page that is loaded again, show
+// the same view.
 
 import type { Path, Vector } from "../protocol";
 import { type CameraView, cameraText } from "../view/camera";
 import type { CameraRig } from "../view/camerarig";
+import { type LightChange, NO_CHANGE } from "../view/lights";
 import type { Follow, Followed } from "./follow";
 import type { Timeline } from "./timeline";
+import type { ViewLight } from "./viewlight";
 
 /** Shortest time between two changes of the address, ms: browsers limit them. */
 const PERIOD_MS = 500;
@@ -17,19 +20,21 @@ export class CameraAddress {
     private readonly rig: CameraRig,
     private readonly follow: Follow,
     private readonly timeline: Timeline,
+    private readonly viewLight: ViewLight,
     private readonly isHome: () => boolean,
   ) {}
 
   private text(): string {
     const followed = this.follow.followed.peek();
     const moment = this.timeline.moment.peek();
-    const time = moment === null ? "" : `&time=${moment.toFixed(6)}`;
-    if (this.isHome() && !followed) return time && `#${time}`;
+    const time = moment === null ? [] : [["time", moment.toFixed(6)]];
+    const rest = [...time, ...Object.entries(this.viewLight.query)].map(([name, value]) => `&${name}=${value}`).join("");
+    if (this.isHome() && !followed) return rest && `#${rest}`;
     const { view, perspective } = this.rig;
-    return `#${addressText(cameraText(this.follow.relative(view), perspective.fov, perspective.aspect), followed)}${time}`;
+    return `#${addressText(cameraText(this.follow.relative(view), perspective.fov, perspective.aspect), followed)}${rest}`;
   }
 
-  /** Write the camera into the address soon. */
+  /** Write the view into the address soon. */
   write(): void {
     this.timer ||= setTimeout(() => {
       this.timer = 0;
@@ -43,7 +48,7 @@ export class CameraAddress {
     }, PERIOD_MS);
   }
 
-  /** Call back with the camera of the address, now and when a link is followed. */
+  /** Call back with the view of the address, now and when a link is followed. */
   read(place: (address: Address) => void): void {
     const read = () => place(parseAddress(location.hash.slice(1), this.rig.perspective.aspect));
     addEventListener("hashchange", read);
@@ -64,13 +69,22 @@ export function parseCamera(text: string, aspect: number): CameraView | null {
   return xmag > 0 ? { eye, target, up, halfHeight: xmag / aspect, orthographic: true } : { eye, target, up };
 }
 
-/** A camera in the page's address. If a node is followed, eye, target and up are relative to it. */
+/** A view in the page's address. If a node is followed, eye, target and up are relative to it. */
 export interface Address {
   camera: CameraView | null;
   followed: Followed | null;
   /** Seconds since the epoch; null: now. */
   time: number | null;
+  light: LightChange;
 }
+
+/** Smallest and largest value of each change of the light, as the gateway takes them. */
+const LIGHT_LIMITS: Record<keyof LightChange, [number, number]> = {
+  azimuth: [-360, 360],
+  elevation: [-90, 90],
+  strength: [0, 100],
+  ambient: [0, 100],
+};
 
 /** Return the text of a camera and a followed node for the address, after `#`. */
 export function addressText(camera: string, followed: Followed | null): string {
@@ -84,7 +98,21 @@ export function parseAddress(text: string, aspect: number): Address {
   const mode = modes.find((name) => parts.has(name));
   const path = mode && parsePath(parts.get(mode) ?? "");
   const time = Number(parts.get("time"));
-  return { camera: parseCamera(parts.get("camera") ?? "", aspect), followed: mode && path ? { path, mode } : null, time: time > 0 ? time : null };
+  return {
+    camera: parseCamera(parts.get("camera") ?? "", aspect),
+    followed: mode && path ? { path, mode } : null,
+    time: time > 0 ? time : null,
+    light: parseLight(parts),
+  };
+}
+
+/** Return the light of the address. What it does not name, or names with an invalid value, is the gateway's. */
+function parseLight(parts: URLSearchParams): LightChange {
+  const named = Object.entries(LIGHT_LIMITS).flatMap(([name, [least, most]]) => {
+    const value = Number.parseFloat(parts.get(`light_${name}`) ?? "");
+    return value >= least && value <= most ? [[name, value]] : [];
+  });
+  return named.length ? { ...NO_CHANGE, ...Object.fromEntries(named) } : NO_CHANGE;
 }
 
 /** Parse a path as JSON; return null if it is none. */

@@ -34,7 +34,7 @@ export function imageQuery(source: Source): URLSearchParams {
 
 export const sceneFile = (source: Source): string => `scene.glb?${viewQuery(source)}`;
 
-/** The address of this page with its scene in one file, at the camera and moment of this page's address. */
+/** The address of this page with its scene in one file, at the camera, moment and light of this page's address. */
 export const pageFile = (): string => `view/scene.html?${new URLSearchParams({ view: location.hash.slice(1) })}`;
 
 export const rendering = (source: Source): string => `scene/render?${imageQuery(source)}`;

@@ -12,9 +12,21 @@ export class ViewLight {
   /** Direction of the gateway's key light; null: it has none. */
   readonly own = signal<Angles | null>(null);
 
-  /** @param apply draws the view with changed light */
-  constructor(apply: (change: LightChange) => void) {
+  /**
+   * @param apply draws the view with changed light
+   * @param chosen called when the visitor has changed it
+   */
+  constructor(
+    apply: (change: LightChange) => void,
+    private readonly chosen: () => void,
+  ) {
     effect(() => apply(this.change.value));
+  }
+
+  /** Adopt the visitor's choice. */
+  choose(change: LightChange): void {
+    this.change.value = change;
+    this.chosen();
   }
 
   /** Parameters of the gateway's images; none for its own light. */
@@ -36,9 +48,10 @@ function Slider({ text, title, unit, value, set, ...limits }: SliderProps) {
   );
 }
 
-export function LightFields({ light: { change, own } }: { light: ViewLight }) {
+export function LightFields({ light }: { light: ViewLight }) {
+  const { change, own } = light;
   const { azimuth, elevation, strength, ambient } = change.value;
-  const set = (part: Partial<LightChange>) => (change.value = { ...change.peek(), ...part });
+  const set = (part: Partial<LightChange>) => light.choose({ ...change.peek(), ...part });
   const factor = { min: 0, max: MAX_FACTOR, step: 0.05, unit: "" };
   const angle = { step: 1, unit: "°" };
   return (
@@ -74,7 +87,7 @@ export function LightFields({ light: { change, own } }: { light: ViewLight }) {
         set={(times) => set({ ambient: times })}
       />
       {change.value !== NO_CHANGE && (
-        <Button icon="close" class="plain" title="The light of the gateway's images" onClick={() => (change.value = NO_CHANGE)}>
+        <Button icon="close" class="plain" title="The light of the gateway's images" onClick={() => light.choose(NO_CHANGE)}>
           Reset the light
         </Button>
       )}
