@@ -11,7 +11,7 @@ trap 'rm -rf "$folder"' EXIT
 cd "$folder"
 python3 -m venv venv
 venv/bin/pip install --quiet --disable-pip-version-check pymeshlab==2025.7.post1
-npm install --silent --no-audit --no-fund three@0.187 > /dev/null
+npm install --silent --no-audit --no-fund three@0.187.0 > /dev/null
 
 venv/bin/python - <<'PYTHON'
 from pathlib import Path

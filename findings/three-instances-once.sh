@@ -9,7 +9,7 @@ set -euo pipefail
 folder=$(mktemp -d)
 trap 'rm -rf "$folder"' EXIT
 cd "$folder"
-npm install --silent --no-audit --no-fund three@0.187 > /dev/null
+npm install --silent --no-audit --no-fund three@0.187.0 > /dev/null
 cat > instances.mjs <<'JAVASCRIPT'
 import assert from 'node:assert'
 import * as THREE from 'three'
