@@ -178,6 +178,16 @@ async def test_rejects_files_that_cannot_be_published(name: str, text: str, reas
     assert reason in done.stderr
 
 
+async def test_fields_that_are_ignored_are_named(tmp_path: Path) -> None:
+    file = tmp_path / "x.json"
+    file.write_text(json.dumps({"settransfrom": [], "setgeometry": [{"path": ["a"], "geometri": {}}]}))
+    async with serving() as service:
+        done = await scenegate("publish", file, "--lcm-url", f"tcpq://127.0.0.1:{service.tcpq_port}", *PATIENT)
+    assert done.exit_code == 0
+    assert "'settransfrom'" in done.stderr
+    assert "'geometri'" in done.stderr
+
+
 async def test_a_broken_mesh_is_named(tmp_path: Path) -> None:
     (tmp_path / "x.obj").write_text("v 1\n")
     async with serving() as service:

@@ -29,6 +29,8 @@ Y_UP: Final = {"translation": [0.0, 0.0, 0.0], "quaternion": [0.5**0.5, 0.5**0.5
 """Transform of a mesh file with Y up."""
 RELOAD_SECONDS: Final = 0.5
 """Interval at which ``--reload`` checks the files of a robot for changes."""
+_REQUEST_FIELDS: Final = frozenset({"timestamp", "delete", "setgeometry", "settransform"})
+_GEOMETRY_FIELDS: Final = frozenset({"path", "geometry", "geometries"})
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -165,15 +167,22 @@ def _read_request(source: Path, root: NodePath, changes: Changes) -> None:
         raise ValueError(f"{source} is nested too deeply") from None
     if not isinstance(request, dict) or not {"delete", "setgeometry", "settransform"} & request.keys():
         raise ValueError(f"{source} is not a request of the protocol: it has no delete, setgeometry or settransform")
+    _note_unknown(request, _REQUEST_FIELDS, f"{source}")
     for path, _ in _commands(request, "delete", source):
         changes.delete(root + path)
     for path, command in _commands(request, "setgeometry", source):
+        _note_unknown(command, _GEOMETRY_FIELDS, f"{source}: setgeometry of {path!r}")
         geometries = [command["geometry"]] if command.get("geometry") else command.get("geometries") or []
         if not isinstance(geometries, list):
             raise ValueError(f"{source}: the geometries of {path!r} are not a list")
         changes.set_entry(root + path, Entry(geometries))
     for path, command in _commands(request, "settransform", source):
         changes.set_entry(root + path, Entry(transform=command.get("transform") or {}))
+
+
+def _note_unknown(fields: dict[str, Any], known: frozenset[str], place: str) -> None:
+    if unknown := fields.keys() - known:
+        print_note(f"{place}: publish ignores {', '.join(map(repr, sorted(unknown)))}")
 
 
 def _commands(request: dict[str, Any], name: str, source: Path) -> Iterator[tuple[NodePath, dict[str, Any]]]:
