@@ -209,7 +209,7 @@ async def test_docs_describe_the_form(start: Start, watched: WatchedRenderer) ->
     form = operation["requestBody"]["content"]["multipart/form-data"]["schema"]
     assert form["properties"]["scene"]["format"] == "binary"
     assert set(drake_fields("depth")) | {"scene", "scene_sha256", LOOK_FIELD} == set(form["properties"])
-    assert set(operation["responses"]) == {"200", "400", "408", "413", "500", "503"}
+    assert set(operation["responses"]) == {"200", "400", "408", "413", "415", "500", "503"}
     defaults = {name: str(p["default"]) for name, p in form["properties"].items() if "default" in p}
     async with start(watched) as server:  # what /docs proposes is a request that works
         assert (await server.post(body(SCENE, defaults), CONTENT_TYPE)).status_code == 200
