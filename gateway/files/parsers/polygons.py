@@ -1,14 +1,12 @@
 """Triangles of polygons and of strips."""
 
 from collections.abc import Iterator
-from itertools import pairwise
 from typing import Any, Final
 
 import numpy as np
+from mapbox_earcut import triangulate_float64
 from numpy.typing import NDArray
 
-MAX_CONCAVE_CORNERS: Final = 5_000
-"""Maximum number of corners of a concave polygon that is cut into ears, which takes quadratic time; others are fans."""
 _MIN_REFLEX: Final = 1e-4
 """Minimum sine of the angle by which a corner turns inwards: rounded corners on a straight line turn by less."""
 _POLYGONS_AT_ONCE: Final = 65_536
@@ -50,7 +48,7 @@ def ears_of_concave_polygons(
 
     Arguments are those of ``triangles_of_polygons``.
     """
-    for size in np.unique(sizes[(sizes > 3) & (sizes <= MAX_CONCAVE_CORNERS)]).tolist():
+    for size in np.unique(sizes[sizes > 3]).tolist():
         polygons = np.flatnonzero(sizes == size)
         for some in np.array_split(polygons, len(polygons) * size // _POLYGONS_AT_ONCE + 1):
             vertices = indices[starts[some][:, None] + np.arange(size)]
@@ -72,39 +70,12 @@ def ears_of_concave_polygons(
 
 
 def _ears(corners: NDArray[np.float64]) -> NDArray[np.int64]:
-    """Return the (N - 2, 3) triangles of a polygon of (N, 2) counter-clockwise corners, by cutting off its ears.
-
-    An ear is a corner whose triangle has no other corner inside. What has none, since it crosses itself, is a fan.
-    """
-    left = list(range(len(corners)))
-    triangles: list[tuple[int, int, int]] = []
-    place = failed = 0
-    while len(left) > 3 and failed < len(left):
-        place %= len(left)
-        ear = left[place - 1], left[place], left[(place + 1) % len(left)]
-        if _is_ear(corners, left, ear):
-            triangles.append(ear)
-            del left[place]
-            place, failed = max(place - 1, 0), 0
-        else:
-            place, failed = place + 1, failed + 1
-    triangles += [(left[0], second, third) for second, third in pairwise(left[1:])]
-    return np.array(triangles, np.int64)
-
-
-def _is_ear(corners: NDArray[np.float64], left: list[int], ear: tuple[int, int, int]) -> bool:
-    a, b, c = corners[list(ear)]
-    if _turn(a, b, c) <= 0.0:
-        return False
-    others = corners[left]
-    is_inside = (_turn(a, b, others) >= 0.0) & (_turn(b, c, others) >= 0.0) & (_turn(c, a, others) >= 0.0)
-    at_ear = (others == a).all(axis=1) | (others == b).all(axis=1) | (others == c).all(axis=1)
-    return not (is_inside & ~at_ear).any()
-
-
-def _turn(a: NDArray[np.float64], b: NDArray[np.float64], c: NDArray[np.float64]) -> Any:
-    """Return twice the area of triangles, positive if they are counter-clockwise. Points are (..., 2)."""
-    return (b[..., 0] - a[..., 0]) * (c[..., 1] - a[..., 1]) - (b[..., 1] - a[..., 1]) * (c[..., 0] - a[..., 0])
+    """Return the (N - 2, 3) triangles of a polygon of (N, 2) counter-clockwise corners; some may have no area."""
+    ears = triangulate_float64(np.ascontiguousarray(corners), np.array([len(corners)], np.uint32))
+    triangles = np.zeros((len(corners) - 2, 3), np.int64)  # corners on a straight line or in one place get no ear
+    found = ears.reshape(-1, 3)[: len(triangles)]
+    triangles[: len(found)] = found
+    return triangles
 
 
 def triangles_of_strip(strip: NDArray[np.int64]) -> NDArray[np.int64]:
