@@ -51,7 +51,7 @@ def pictures() -> Iterator[tuple[str, render_requests.Array, render_requests.Arr
             form = FormReader(render_requests.CONTENT_TYPE, config)
             form.feed(scene.next_body(width, height))
             request = form.request()
-            prepared = store.get(posted_document(request))
+            prepared = store.get(posted_document(request, store))
             camera = camera_of(request, prepared)
             frame = renderer.render(prepared.draw_list, camera, Output.COLOR | Output.DEPTH, Look("phong"))
             assert frame.color is not None

@@ -249,5 +249,5 @@ def render_request(renderer: Renderer, request: RenderRequest, settings: Setting
     )
     pipeline = Pipeline(renderer, config)
     image = pipeline.render(request)
-    camera = camera_of(request, pipeline.scenes.get(posted_document(request)))
+    camera = camera_of(request, pipeline.scenes.get(posted_document(request, pipeline.scenes)))
     return camera, request.image_type, image.body

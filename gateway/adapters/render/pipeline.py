@@ -97,7 +97,7 @@ class Pipeline:
         """
         start_time = time.perf_counter()
         queue_seconds = start_time - submitted_time if submitted_time is not None else 0.0
-        document = posted_document(request)
+        document = posted_document(request, self.scenes)
         try:
             try:
                 return self._render_scene(request, document, start_time, queue_seconds)
@@ -177,13 +177,13 @@ def _joined(scene: DrawList, backdrop: DrawList) -> DrawList:
     return DrawList((*scene.instances, *backdrop.instances), images, scene.lights + backdrop.lights)
 
 
-def posted_document(request: RenderRequest) -> HashedDocument:
-    """Return the posted scene with its hash.
+def posted_document(request: RenderRequest, scenes: SceneStore) -> HashedDocument:
+    """Return the posted scene with what is known of it.
 
     Raises:
         RequestError: The hash differs from the one in the form.
     """
-    document = HashedDocument(request.scene)
+    document = scenes.look_up(request.scene)
     if request.claimed_sha256 not in (None, document.digest):
         raise RequestError(
             400,

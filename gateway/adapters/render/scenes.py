@@ -86,8 +86,8 @@ class SceneStore:
 
     There are three caches. ``scenes`` has the digest of the whole document as key: it serves static scenes, and depth
     images of a scene after its colour image: a quarter less time to read, draw and encode (geometric mean of Drake's
-    recorded scenes). ``geometry`` has the digests of parts of a document as keys: it serves
-    moving robots, whose meshes stay the same. ``topologies`` keeps what such robots' draw lists have in common.
+    recorded scenes). ``geometry`` compares parts of documents: it serves moving robots, whose meshes stay the same.
+    ``topologies`` keeps what such robots' draw lists have in common.
     """
 
     def __init__(self, config: RenderConfig, caches: CacheBudget = SHARED) -> None:
@@ -95,6 +95,10 @@ class SceneStore:
         self.scenes: Final[Cache[str, PreparedScene]] = Cache("scenes", config.scene_cache_count, budget=caches)
         self.geometry: Final = GltfCache(caches)
         self._topologies: Cache[TopologyKey, SceneTopology] = Cache("topologies", _MAX_TOPOLOGIES, budget=caches)
+
+    def look_up(self, data: bytes | bytearray) -> HashedDocument:
+        """Return a posted document with what is known of it. ``data`` must not change."""
+        return self.geometry.look_up(data, self._limits)
 
     def get(self, document: HashedDocument, *, decode_images: bool = False) -> PreparedScene:
         """Return the scene of a document.

@@ -17,7 +17,7 @@ from gateway.files.gltf.animations import AnimationTime, pose_nodes
 from gateway.files.gltf.buffers import Buffers, Resolver
 from gateway.files.gltf.container import open_container
 from gateway.files.gltf.deformation import MeshPose
-from gateway.files.gltf.document_cache import DocumentContent, GltfCache, HashedDocument
+from gateway.files.gltf.document_cache import DocumentContent, GltfCache, HashedDocument, parse_nodes
 from gateway.files.gltf.draco import DracoMeshes
 from gateway.files.gltf.gltf_errors import GltfLimitError
 from gateway.files.gltf.gltf_scene import GltfScene, mesh_names, read_cameras
@@ -69,11 +69,11 @@ def read_gltf(
     """
     limits = limits or _DEFAULT_LIMITS
     if not isinstance(data, HashedDocument) and cache is not None and resolve is None:
-        data = HashedDocument(bytes(data))
+        data = cache.look_up(bytes(data), limits)
     hashed = data if isinstance(data, HashedDocument) else None
     if cache is None:
         cache = GltfCache(CacheBudget(limits.max_buffer_bytes + limits.max_mesh_bytes))
-    if hashed is not None and (scene := _cached_scene(hashed, cache, limits)) is not None:
+    if hashed is not None and (scene := _known_scene(hashed, limits)) is not None:
         return scene
     container = open_container(data.data if isinstance(data, HashedDocument) else data)
     warnings: list[str] = []
@@ -117,7 +117,7 @@ def read_gltf(
     # Poses of nodes, and warnings that may be about nodes, do not hold for a document with other nodes.
     depends_on_nodes = has_posed_nodes or has_wrong_types or nodes.warnings
     if hashed is not None and not depends_on_nodes and len(content.warnings) <= _MAX_LISTED_WARNINGS:
-        cache.add(hashed, container, limits, content)
+        cache.add(hashed, container, content)
     return scene
 
 
@@ -139,12 +139,12 @@ def read_mesh_names(data: bytes) -> frozenset[str]:
     return frozenset(mesh_names(read_nodes(document, _DEFAULT_LIMITS), document.meshes).values())
 
 
-def _cached_scene(document: HashedDocument, cache: GltfCache, limits: GltfLimits) -> GltfScene | None:
+def _known_scene(document: HashedDocument, limits: GltfLimits) -> GltfScene | None:
     """Return the scene of a document that differs from one in the cache only in its nodes; None if there is none."""
-    cached = cache.find(document, limits)
-    if cached is None:
+    known = parse_nodes(document, limits)
+    if known is None:
         return None
-    content, node_document = cached
+    content, node_document = known
     nodes = read_nodes(node_document, limits)
     meshes = dict.fromkeys(nodes.meshes)
     meshes.pop(None, None)

@@ -16,7 +16,7 @@ from gateway.adapters.render.errors import RequestError
 from gateway.adapters.render.form import FormReader
 from gateway.adapters.render.pipeline import Pipeline
 from gateway.adapters.render.scenes import SceneStore
-from gateway.files.gltf import GltfError, HashedDocument
+from gateway.files.gltf import GltfCache, GltfError, GltfLimits, HashedDocument
 from gateway.scene.draw.style import Style
 from renderers.cache import CacheBudget
 from renderers.raster import CpuRenderer
@@ -24,7 +24,7 @@ from tests.support.forms import CONTENT_TYPE, body, drake_fields, gltf
 
 
 def scene(**changes: Any) -> HashedDocument:
-    return HashedDocument(json.dumps(gltf(**changes)).encode())
+    return GltfCache().look_up(json.dumps(gltf(**changes)).encode(), GltfLimits())
 
 
 def test_scene_cache_is_least_recently_used() -> None:
@@ -52,7 +52,7 @@ def test_unreadable_scenes_are_not_cached() -> None:
     store = SceneStore(RenderConfig())
     for _ in range(2):
         with pytest.raises(GltfError):
-            store.get(HashedDocument(b"{"))
+            store.get(store.look_up(b"{"))
     assert (store.scenes.hits, store.scenes.misses) == (0, 2)
 
 

@@ -38,6 +38,10 @@ def dump(source: dict[str, Any]) -> bytes:
     return json.dumps(source).encode()
 
 
+def look_up(data: bytes | bytearray) -> HashedDocument:
+    return GltfCache().look_up(data, GltfLimits())
+
+
 def outcome(scene: GltfScene) -> list[Any]:
     nodes = [(path, node.matrix.tolist(), node.parts is None) for path, node in scene.root.walk()]
     arrays = [(path, mesh_of(p).positions.tobytes(), mesh_of(p).elements.tobytes()) for path, p in parts(scene)]
@@ -194,10 +198,9 @@ def test_the_last_list_of_nodes_is_found() -> None:
     source["meshes"][0]["name"] = '"nodes":[{}],"x"'
     source["scenes"] = [{"nodes": [4], "name": '"nodes"'}, {"nodes": []}]
     data = dump(source)
-    hashed = HashedDocument(data)
+    hashed = look_up(data)
     assert data[hashed.nodes_offset :].startswith(b'"nodes": [{"name": "g0"')
     assert hashed.digest == hashlib.sha256(data).hexdigest()
-    assert hashed.prefix_digest == hashlib.sha256(data[: hashed.nodes_offset]).digest()
 
 
 def test_text_is_not_split_before_data_uris() -> None:
@@ -205,9 +208,8 @@ def test_text_is_not_split_before_data_uris() -> None:
     source["zzz"] = source.pop("buffers")
     data = dump(source)
     assert data.index(b'"nodes"') < data.index(b'"data:')
-    hashed = HashedDocument(data)
+    hashed = look_up(data)
     assert hashed.nodes_offset == 0
-    assert hashed.prefix_digest == hashlib.sha256(b"").digest()
     assert hashed.digest == hashlib.sha256(data).hexdigest()
 
 
@@ -292,22 +294,38 @@ def test_a_cached_part_does_not_allow_deeper_nesting() -> None:
 @pytest.mark.parametrize(("size", "expected"), [(MIN_BYTES - 1, 0), (MIN_BYTES, MIN_BYTES)])
 def test_texts_of_the_least_size_before_the_nodes_are_kept(size: int, expected: int) -> None:
     before = b'{"extras":"'.ljust(size - 2, b"x") + b'",'
-    assert HashedDocument(before + b'"nodes":[{}]}').nodes_offset == expected
+    assert look_up(before + b'"nodes":[{}]}').nodes_offset == expected
 
 
 def test_64_occurrences_of_nodes_are_searched() -> None:
     before = b'{"extras":"'.ljust(MIN_BYTES, b"x") + b'","nodes":[{}],'
     for others, found in ((63, True), (64, False)):
         scenes = ",".join(['{"nodes":[0]}'] * others).encode()
-        hashed = HashedDocument(before + b'"scenes":[' + scenes + b"]}")
+        hashed = look_up(before + b'"scenes":[' + scenes + b"]}")
         assert (hashed.nodes_offset > 0) == found
 
 
-def test_digests_do_not_depend_on_the_order_of_use() -> None:
-    data = dump(document())
-    hashed = HashedDocument(bytearray(data))
-    assert hashed.digest == hashed.digest == hashlib.sha256(data).hexdigest()
-    assert hashed.prefix_digest == hashlib.sha256(data[: hashed.nodes_offset]).digest()
+def test_digests_are_those_of_all_bytes_whatever_is_known() -> None:
+    cache = GltfCache()
+    warm(cache, document())
+    for x in (2.0, 2.0, 3.0):
+        data = dump(moved(document(), x))
+        hashed = cache.look_up(bytearray(data), GltfLimits())
+        assert hashed.known is not None
+        assert hashed.digest == hashed.digest == hashlib.sha256(data).hexdigest()
+        read_gltf(hashed, cache=cache)
+
+
+def test_text_with_the_checksum_of_another_is_not_taken_for_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A client can choose text so that the checksums are equal."""
+    monkeypatch.setattr("isal.isal_zlib.crc32", lambda text: 1)
+    cache, sizes = GltfCache(), set()
+    for seed in (0, 1, 0):
+        data = dump(document(seed=seed))
+        assert outcome(read_gltf(data, cache=cache)) == outcome(read_gltf(data))
+        sizes.add(cache.look_up(data, GltfLimits()).nodes_offset)
+        assert cache.look_up(data, GltfLimits()).digest == hashlib.sha256(data).hexdigest()
+    assert len(sizes) == 1
 
 
 def test_elements_are_counted_again_for_moved_documents() -> None:
