@@ -9,6 +9,8 @@ from concurrent.futures import Future
 from concurrent.futures import TimeoutError as FutureTimeoutError
 from typing import Any, Final, NamedTuple
 
+import numpy as np
+
 from scenegate.lcm.transport import TransportLimits
 from scenegate.messages import wire
 from scenegate.messages.arguments import describe
@@ -20,6 +22,8 @@ MAX_REQUEST_BYTES: Final = TransportLimits().message_bytes
 """Maximum size of a request. A hub disconnects the sender of a larger one."""
 BYTES_PER_SECOND: Final = 10e6
 """Speed at which a slow viewer receives and reads a request. A response may take so much longer."""
+_KEPT_BLOCK_BYTES: Final = 31 << 20
+"""Size of the largest block whose release glibc takes as a sign that such blocks come again (malloc.h: 32 MB)."""
 UNKNOWN_FORMATS: Final = (wire.UNKNOWN_FORMAT, wire.UNKNOWN_FORMAT_VERSION)
 """Status codes of a viewer that does not know the format of a request."""
 
@@ -50,6 +54,9 @@ class Requests:
         The receiving thread calls ``on_message`` with announcements, and messages of the page. ``on_request`` is called
         with the body and the ``utime`` of each request before it is sent.
         """
+        # From then on, glibc keeps freed blocks of some MB. It would else map new memory for every large request, which
+        # takes ten times longer than encoding it.
+        np.empty(_KEPT_BLOCK_BYTES, np.uint8)
         self.timeout = timeout
         self._negotiates_format = binary is None
         self.message_format: str | None = None if binary is None else wire.BINARY if binary else wire.JSON
