@@ -1,6 +1,7 @@
 """Channels of Drake's visualizer, by their names."""
 
 from enum import Enum
+from functools import lru_cache
 from typing import Final, NamedTuple
 
 from gateway.adapters.drakeviewer.robots import ILLUSTRATION, INERTIA, PROXIMITY, ROOT
@@ -67,6 +68,7 @@ class Channel(NamedTuple):
         return ROOT, _GROUPS[self.kind], self.name[len(self.kind.value) :].removeprefix("_") or "default"
 
 
+@lru_cache(maxsize=256)
 def channel_of(name: str) -> Channel | None:
     """Return the channel of a name; None if it is not shown."""
     for kind in Kind:

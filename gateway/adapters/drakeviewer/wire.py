@@ -1,7 +1,7 @@
 """Decode Drake's LCM messages: big-endian, with the fingerprint first. Definitions: ``lcmtypes/lcmt_*.lcm``."""
 
 import struct
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -37,6 +37,13 @@ QUADRATURE_POINT_BYTES: Final = 9 * 8
 
 _GEOMETRY: Final = struct.Struct(">b11f")
 """Fields of ``lcmt_viewer_geometry_data`` before ``string_data``: type, position, quaternion, color."""
+_THREE_DOUBLES: Final = struct.Struct(">3d")
+_CLOUD_SIZE: Final = struct.Struct(">2q")
+"""``width`` and ``height`` of a ``lcmt_point_cloud``."""
+_CLOUD_FIELD: Final = struct.Struct(">ibi")
+"""Fields of a ``lcmt_point_cloud_field`` after its name."""
+_CLOUD_LAYOUT: Final = struct.Struct(">qiqh")
+"""``flags``, ``point_step``, ``row_step`` and ``filler_size``."""
 _MAX_CLOUD_FIELDS: Final = 64
 """Maximum number of fields of a point cloud: coordinates, colours, normals and the like."""
 
@@ -63,6 +70,10 @@ class Reader:
         taken = self._view[self.offset : end]
         self.offset = end
         return taken
+
+    def unpack(self, layout: struct.Struct) -> tuple[Any, ...]:
+        """Return several numbers."""
+        return layout.unpack(self.take(layout.size))
 
     def integer(self, size: int = 4) -> int:
         """Return a signed integer of ``size`` bytes."""
@@ -93,12 +104,12 @@ class Reader:
 
     def vector(self) -> Vector3:
         """Return three numbers of type double."""
-        x, y, z = struct.unpack(">3d", self.take(24))
+        x, y, z = self.unpack(_THREE_DOUBLES)
         return x, y, z
 
     def geometry(self) -> Geometry:
         """Return a ``lcmt_viewer_geometry_data``."""
-        kind, x, y, z, qw, qx, qy, qz, *color = _GEOMETRY.unpack(self.take(_GEOMETRY.size))
+        kind, x, y, z, qw, qx, qy, qz, *color = self.unpack(_GEOMETRY)
         text = self.text(self._limits.mesh_text_bytes)
         float_count = self.count("num_float_data", 2 + 3 * (self._limits.vertices + self._limits.triangles))
         r, g, b, alpha = color
@@ -190,13 +201,13 @@ def decode_point_cloud(message: Message, limits: Limits) -> Cloud:
     reader = Reader(message, POINT_CLOUD, "lcmt_point_cloud", limits)
     reader.take(8)  # utime
     reader.text()  # frame_name
-    width, height = reader.integer(8), reader.integer(8)
+    width, height = reader.unpack(_CLOUD_SIZE)
     if not (width >= 0 and height >= 0 and width * height <= limits.points):
         raise MessageError(f"the cloud has {width} x {height} points, the limit is {limits.points}")
     fields = tuple(
-        CloudField(reader.text(), reader.integer(), reader.integer(1), reader.integer())
+        CloudField(reader.text(), *reader.unpack(_CLOUD_FIELD))
         for _ in range(reader.count("num_fields", _MAX_CLOUD_FIELDS))
     )
-    flags, point_step, row_step = reader.integer(8), reader.integer(), reader.integer(8)
-    reader.take(reader.integer(2))  # filler
+    flags, point_step, row_step, filler_bytes = reader.unpack(_CLOUD_LAYOUT)
+    reader.take(filler_bytes)
     return Cloud(width, height, fields, flags, point_step, row_step, reader.take(reader.integer(8)))
