@@ -277,7 +277,7 @@ async def test_names_a_peer_that_is_no_hub(monkeypatch: pytest.MonkeyPatch) -> N
         writer.close()
 
     def talk(url: str) -> None:
-        with TreeViewer(url, timeout=1) as tree_viewer:  # short: no hub
+        with TreeViewer(url, timeout=0.3) as tree_viewer:  # short: no hub
             tree_viewer["a"].set(Sphere(1))
 
     server = await asyncio.start_server(refuse, "127.0.0.1", 0)

@@ -180,37 +180,48 @@ def test_a_file_that_cannot_be_written_is_named(tmp_path: Path) -> None:
     assert (said.returncode, said.stderr) == (1, f"scenegate: {log}: No such file or directory\n")
 
 
-@pytest.mark.parametrize(
-    ("typed", "completions"),
-    [
-        ("d", ["dataset", "doctor"]),
-        ("con", ["convert"]),
-        ("convert --pro", ["--profile"]),
-        ("e", ["export"]),
-        ("p", ["play", "publish"]),
-        ("publish --re", ["--reload"]),
-        ("record --profile r", ["ros2"]),
-        ("serve --worker", ["--workers"]),
-        ("serve --stereo-s", ["--stereo-scene", "--stereo-seed"]),
-        ("serve --depth-mode m", ["matched"]),
-        ("v", ["view"]),
-        ("--ver", ["--version"]),
-        ("view --mesh", ["--mesh-root"]),
-        ("dataset ", ["check", "export", "schema", "show", "track"]),
-    ],
-)
-def test_words_are_completed_in_bash(typed: str, completions: list[str], tmp_path: Path) -> None:
-    script = tmp_path / "scenegate"  # the name under which the completion is installed
-    script.write_text("from scenegate.cli import main\nmain()\n")
+COMPLETIONS = {
+    "d": ["dataset", "doctor"],
+    "con": ["convert"],
+    "convert --pro": ["--profile"],
+    "e": ["export"],
+    "p": ["play", "publish"],
+    "publish --re": ["--reload"],
+    "record --profile r": ["ros2"],
+    "serve --worker": ["--workers"],
+    "serve --stereo-s": ["--stereo-scene", "--stereo-seed"],
+    "serve --depth-mode m": ["matched"],
+    "v": ["view"],
+    "--ver": ["--version"],
+    "view --mesh": ["--mesh-root"],
+    "dataset ": ["check", "export", "schema", "show", "track"],
+}
+"""What bash offers after what was typed."""
+COMPLETE = """
+import contextlib, io, json, os, sys
+from scenegate.cli import main
+offered = {}
+for typed in json.load(sys.stdin):
     words = ["scenegate", *typed.split(" ")]
-    environment = {"_SCENEGATE_COMPLETE": "complete_bash", "COMP_WORDS": " ".join(words)}
-    environment |= {"COMP_CWORD": str(len(words) - 1), "PYTHONPATH": f"{Path.cwd()}:{Path.cwd() / 'client'}"}
+    os.environ |= {"COMP_WORDS": " ".join(words), "COMP_CWORD": str(len(words) - 1)}
+    with contextlib.redirect_stdout(io.StringIO()) as printed, contextlib.suppress(SystemExit):
+        main()
+    offered[typed] = sorted(printed.getvalue().split())
+print(json.dumps(offered))
+"""
+
+
+def test_words_are_completed_in_bash(tmp_path: Path) -> None:
+    script = tmp_path / "scenegate"  # the name under which the completion is installed
+    script.write_text(COMPLETE)
+    paths = {"PYTHONPATH": f"{Path.cwd()}:{Path.cwd() / 'client'}"}
     result = subprocess.run(
         [sys.executable, str(script)],
-        env={**os.environ, **environment},
+        input=json.dumps(list(COMPLETIONS)),
+        env={**os.environ, **paths, "_SCENEGATE_COMPLETE": "complete_bash"},
         capture_output=True,
         text=True,
         timeout=SECONDS,
-        check=False,
+        check=True,
     )
-    assert sorted(result.stdout.split()) == completions, result.stderr
+    assert json.loads(result.stdout) == COMPLETIONS

@@ -63,7 +63,7 @@ def page(outputs: dict[str, dict[str, Any]]) -> Iterator[Any]:
             pass
 
     with chromium() as browser, ThreadingHTTPServer(("127.0.0.1", 0), Notebook) as server:
-        thread = Thread(target=server.serve_forever)
+        thread = Thread(target=server.serve_forever, args=(0.01,))
         thread.start()
         opened = new_page(browser, viewport={"width": 1000, "height": 1000})
         opened.goto(f"http://localhost:{server.server_port}")

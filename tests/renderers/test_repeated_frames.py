@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import gc
+import itertools
 import weakref
 from collections.abc import Iterator
 from dataclasses import replace
@@ -19,6 +20,8 @@ from tests.renderers.scenes import pose, sphere
 from tests.renderers.shading.test_pixels import random_scene
 
 ALL = Output.COLOR | Output.DEPTH | Output.LABEL
+LOOKS: tuple[LookName, ...] = ("phong", "gltf", "studio")
+SAMPLES: tuple[SampleCount, ...] = (1, 4, 8)
 CAMERA = Camera(160, 100, 140.0, 140.0, 80.3, 50.0, 0.05, 50.0, np.eye(4))
 
 
@@ -82,19 +85,16 @@ def test_a_frame_keeps_no_scene_alive(renderer: CpuRenderer) -> None:
     assert mesh() is None
 
 
-@pytest.mark.parametrize("samples", [1, 4, 8])
-@pytest.mark.parametrize("name", ["phong", "gltf", "studio"])
-@pytest.mark.parametrize("opacity", [1.0, 0.5])
-def test_memory_of_a_frame_does_not_wait_for_the_garbage_collector(
-    renderer: CpuRenderer, name: LookName, samples: SampleCount, opacity: float
-) -> None:
+def test_memory_of_a_frame_does_not_wait_for_the_garbage_collector(renderer: CpuRenderer) -> None:
     """Freed at once, it is in use again for the next frame; otherwise each frame takes new pages from the system."""
-    drawn = DrawList((Instance(sphere(24, 12), Material((0.4, 0.5, 0.6, opacity)), pose(np.random.default_rng(4))),))
     gc.collect()
     gc.disable()
     gc.set_debug(gc.DEBUG_SAVEALL)
     try:
-        renderer.render(drawn, CAMERA, ALL, Look(name, samples=samples))
+        for opacity in (1.0, 0.5):
+            ball = Instance(sphere(24, 12), Material((0.4, 0.5, 0.6, opacity)), pose(np.random.default_rng(4)))
+            for name, samples in itertools.product(LOOKS, SAMPLES):
+                renderer.render(DrawList((ball,)), CAMERA, ALL, Look(name, samples=samples))
         gc.collect()
         in_cycles = [type(each).__name__ for each in gc.garbage if type(each).__module__.startswith("renderers.")]
     finally:

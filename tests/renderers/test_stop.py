@@ -31,7 +31,7 @@ class Enough(Exception):
 
 
 @contextmanager
-def soon(seconds: float = 0.3) -> Iterator[StopFlag]:
+def soon(seconds: float = 0.1) -> Iterator[StopFlag]:
     """A flag that is set while what it is for is under way."""
     flag = StopFlag()
     timer = threading.Timer(seconds, flag.set, (Enough("enough"),))

@@ -65,7 +65,7 @@ class Collector(ThreadingHTTPServer):
 def collector() -> Iterator[Collector]:
     """Spans of two renders, one of which fails, of a stereo set, a request over LCM and paths without spans."""
     with Collector() as server:
-        thread = threading.Thread(target=server.serve_forever)
+        thread = threading.Thread(target=server.serve_forever, args=(0.01,))
         thread.start()
         try:
             _use_every_interface(server.url)

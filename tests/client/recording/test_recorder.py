@@ -41,11 +41,11 @@ async def test_a_camera_without_depth_is_an_error(
 ) -> None:
     """The right image needs the baseline, which sets with disparity have."""
     for module in (recorder, sources):
-        monkeypatch.setattr(module, "WAIT_SECONDS", 1.0)
+        monkeypatch.setattr(module, "WAIT_SECONDS", 0.3)
     camera = await start()
     camera.service.parameters.set("rc_stereomatching", [("acquisition_mode", "SingleFrame")])
     target = f"127.0.0.1:{camera.service.port}"
-    options = RecordingOptions(tmp_path / "a.mcap", camera=StreamOptions(target), depth=depth, seconds=1.0)
+    options = RecordingOptions(tmp_path / "a.mcap", camera=StreamOptions(target), depth=depth, seconds=0.3)
     with pytest.raises(GatewayError, match=target):
         await asyncio.to_thread(record, options, threading.Event())
     assert not options.path.exists()

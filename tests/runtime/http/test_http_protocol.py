@@ -146,7 +146,7 @@ async def test_idle_connection_closes_after_stray_bytes(
 
     def soon(self: http_protocol.BoundedHttpProtocol, transport: asyncio.Transport) -> None:
         made(self, transport)
-        self.timeout_keep_alive = 1
+        self.timeout_keep_alive = 0.1  # type: ignore[assignment]  # uvicorn passes it to call_later
 
     monkeypatch.setattr(http_protocol.BoundedHttpProtocol, "connection_made", soon)
     async with serving() as port, asyncio.timeout(SECONDS):

@@ -149,7 +149,8 @@ async def test_reports_taken_port() -> None:
                 pass
 
 
-async def test_reconnects_to_another_hub() -> None:
+async def test_reconnects_to_another_hub(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("scenegate.lcm.tcpq_transport.RETRY_SECONDS", 0.05)
     async with serving() as other:
         port = other.tcpq_port
         url = f"tcpq://127.0.0.1:{port}"
