@@ -74,6 +74,7 @@ OPERATORS = (
 )
 KERNEL = re.compile(r"^\s*@(kernel|device_function|inlined|cached_njit|njit|intrinsic)\b", re.MULTILINE)
 """Decorators of what is compiled."""
+PYTHON = os.environ.get("SCENEGATE_PYTHON", sys.executable)
 TEST_SECONDS = 900
 """Longest run of a room's tests; a fault that makes them longer counts as noticed."""
 
@@ -132,6 +133,7 @@ def main() -> None:
     caught: dict[str, list[bool]] = {}
     with tempfile.TemporaryDirectory(prefix="mutants-") as folder:
         tree = copy_of_repository(Path(folder, "tree"))
+        subprocess.run((PYTHON, "-m", "scenegate", "warmup"), cwd=tree, check=True)  # tests wait for nothing then
         for room in sorted({fault.room for fault in faults}):
             if tests_fail(tree, tests_of(room), recompile=False):
                 raise SystemExit(f"the tests of {room} fail without any fault: {' '.join(tests_of(room))}")
@@ -222,8 +224,7 @@ def tests_fail(tree: Path, paths: tuple[str, ...], *, recompile: bool) -> bool:
     Args:
         recompile: the kernels that the tests use are compiled into a folder of their own.
     """
-    python = os.environ.get("SCENEGATE_PYTHON", sys.executable)
-    command = (python, "-m", "pytest", "-q", "-x", "-m", "not slow", "-p", "no:cacheprovider", *paths)
+    command = (PYTHON, "-m", "pytest", "-q", "-x", "-m", "not slow", "-p", "no:cacheprovider", *paths)
     with tempfile.TemporaryDirectory(prefix="mutants-kernels-") as kernels:
         environment = {**os.environ, **({"NUMBA_CACHE_DIR": kernels} if recompile else {})}
         try:

@@ -2,7 +2,7 @@
 
 FOLDER has the pair ``motorcycle`` of Middlebury 2014, as ``skimage/data`` in scikit-image's wheel. The scene is the
 pair's true surface with the left image on it; behind its edges, the background goes on below the foreground, with the
-right image on it. It fills the camera's images, at quality High, without and with realism.
+right image on it. It fills the camera's images, without and with realism.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from gateway.adapters.stereo.imaging.scene_view import Capture
 from renderers.drawlist import DrawList, Image, Instance, Material, Mesh, Sampler, Texture
 from renderers.stereo.depth.depth_images import DepthImages
 from renderers.stereo.depth.matching import FINE, MIN_NOISE_SIGMA, match_pair
-from renderers.stereo.model import DISPARITY_SCALE, StereoModel
+from renderers.stereo.model import DISPARITY_SCALE, Quality, StereoModel
 from renderers.stereo.realism import REALISM_PARTS
 from tools.calibration.errors import NO_FILTERS, match, print_reliability, reliability_of
 from tools.calibration.samples import make_sample, renderer
@@ -148,7 +148,9 @@ def report_confidence(truth: NDArray[np.float32], images: DepthImages) -> None:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0] if __doc__ else None)
     parser.add_argument("folder", type=Path)
-    folder: Path = parser.parse_args().folder
+    parser.add_argument("--quality", choices=[each.value for each in Quality], default="High", help="of the scene")
+    options = parser.parse_args()
+    folder: Path = options.folder
     left, right = (
         np.asarray(cv2.imread(str(folder / f"motorcycle_{side}.png")), np.uint8) for side in ("left", "right")
     )
@@ -159,6 +161,7 @@ def main() -> None:
     report_confidence(truth, images)
     for realism in ((), REALISM_PARTS):
         imaging, settings = Imaging(StereoConfig(realism=frozenset(realism)), renderer()), read_settings(Parameters())
+        settings = replace(settings, quality=Quality(options.quality))
         scene = scene_of(left, right, truth, imaging.config.model)
         sample = make_sample("pair", imaging, settings, Capture(0, scene, 1, np.eye(4), 0, 1))
         report(f"as a scene, realism {'all' if realism else 'off'}", sample.exact, sample.visible > 0.0, match(sample))
