@@ -182,6 +182,7 @@ $(VENV)/.tools: tools/locks/requirements-tools.lock | $(VENV)/.made
 $(VENV)/.installed: tools/locks/requirements.lock pyproject.toml client/pyproject.toml | $(VENV)/.tools
 	@$(call install,--require-hashes -r tools/locks/requirements.lock)
 	@$(call install,--no-deps --no-build-isolation --editable ./client --editable .)
+	@$(BIN)/python -m compileall -q client/scenegate gateway renderers
 	@$(BIN)/python -c "$(WRITE_BYTECODE)"
 	@touch $@
 

@@ -26,7 +26,7 @@ from gateway.adapters.render.form import FormReader
 from gateway.adapters.render.pipeline import camera_of, posted_document
 from gateway.adapters.render.scenes import SceneStore
 from gateway.runtime.kernels import parts
-from gateway.runtime.kernels.loading import ensure_compiled
+from gateway.runtime.kernels.parts import ensure_compiled
 from gateway.runtime.workers.process_tuning import freeze_gc, tune
 from renderers.depth_range import depth_in_millimetres
 from renderers.encode import png_gray16, png_rgb, tiff_float32

@@ -13,7 +13,7 @@ import uvloop
 from bench.raster import scenes, view
 from bench.table import Row, at_most, heading, show
 from gateway.runtime.kernels import parts
-from gateway.runtime.kernels.loading import ensure_compiled
+from gateway.runtime.kernels.parts import ensure_compiled
 from gateway.runtime.workers.process_tuning import freeze_gc, tune
 from gateway.runtime.workers.worker_pool import WorkerPool
 from renderers.drawlist import DrawList

@@ -38,11 +38,11 @@ HOW_TO_GET = {
 def pytest_configure(config: pytest.Config) -> None:
     """Compile the kernels before processes that share the tests start: each would compile those that it needs."""
     if getattr(config.option, "numprocesses", None):  # None in those processes themselves
-        from gateway.runtime.kernels import cache, loading, parts
+        from gateway.runtime.kernels import cache, parts
 
         if not cache.are_cached(parts.PARTS):
             print("Compiling the kernels, once for all processes: a minute ...", flush=True)
-            loading.ensure_compiled()
+            parts.ensure_compiled()
 
 
 def pytest_collection_finish() -> None:

@@ -25,7 +25,7 @@ app = typer.Typer(
 def warmup() -> None:
     """Compile the rendering kernels into the cache, so that the next start is fast."""
     from gateway.runtime.kernels.cache import configure
-    from gateway.runtime.kernels.loading import ensure_compiled
+    from gateway.runtime.kernels.parts import ensure_compiled
     from renderers.compiler import cache_folder
 
     folder = configure()

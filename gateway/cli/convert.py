@@ -24,7 +24,7 @@ def convert(
 
     check_packages()
     from gateway.replay.log_to_mcap import convert_log
-    from gateway.runtime.kernels.loading import ensure_compiled
+    from gateway.runtime.kernels.parts import ensure_compiled
     from scenegate.cli.progress_bar import progress_bar
 
     if out.exists() and out.samefile(log):

@@ -30,7 +30,7 @@ def track(
 ) -> None:
     """Write the poses of a node in an LCM log as a track for scenarios (pose_track)."""
     from gateway.datasets.log_track import track_csv_of_log
-    from gateway.runtime.kernels.loading import ensure_compiled
+    from gateway.runtime.kernels.parts import ensure_compiled
     from gateway.scene.draw.mount import parse_mount_path
 
     path = parse_mount_path(node)

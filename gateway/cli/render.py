@@ -44,6 +44,10 @@ def add_render(app: typer.Typer) -> None:
     app.command("render", help=HELP)(render)
 
 
+app = typer.Typer(add_completion=False, pretty_exceptions_enable=False, rich_markup_mode="rich")
+add_render(app)
+
+
 def run(options: RenderOptions) -> None:
     """Render one image or a dataset."""
     if options.samples not in SAMPLES:
@@ -57,15 +61,18 @@ def run(options: RenderOptions) -> None:
     image_types = _parse_types(options.types)
     formats = _check_options(options, image_types, is_image=is_image)
     background = _parse_color(options.background)
-    from gateway.runtime.kernels.loading import ensure_compiled
+    from gateway.runtime.kernels.parts import ensure_compiled
+    from gateway.runtime.workers import process_tuning
 
     ensure_compiled(show=True)
+    process_tuning.pause_gc()
     # The following imports load compiled kernels.
     from gateway.cli.render_image import render_image
     from gateway.datasets.views import View
     from gateway.runtime.workers.scheduling import usable_cpus
     from gateway.scene.draw.cameras import OrbitCamera
 
+    process_tuning.freeze_gc()
     settings = _settings(options, image_types, background)
     views = (
         *(View(f"camera-{index:03d}", text) for index, text in enumerate(options.camera or ())),
@@ -140,7 +147,6 @@ def _check_options(options: RenderOptions, types: tuple[ImageType, ...], *, is_i
 
 def _settings(options: RenderOptions, types: tuple[ImageType, ...], background: tuple[int, int, int]) -> Settings:
     """Return the settings in the options. Most options have the names of the settings."""
-    from gateway.files.assets.light_rig_file import rig_digest
     from scenegate.datasets.manifest import Settings
 
     shared_names = {each.name for each in fields(options)} & {*Settings.__struct_fields__}
@@ -149,6 +155,8 @@ def _settings(options: RenderOptions, types: tuple[ImageType, ...], background: 
     values["xacro_args"] = tuple(options.xacro_arg or ())
     values["roots"] = tuple(str(folder.absolute()) for folder in options.root or ())
     if options.rig is not None:
+        from gateway.files.assets.light_rig_file import rig_digest
+
         values |= {"rig": str(options.rig.absolute()), "rig_sha256": rig_digest(options.rig)}
     settings = Settings(**values)
     return _with_profile(settings, options.stereo_profile) if options.stereo_profile else settings

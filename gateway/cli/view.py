@@ -24,7 +24,7 @@ def view(
     from gateway.app import create_app
     from gateway.cli.serve_app import serve_app
     from gateway.replay.log_service import LogService
-    from gateway.runtime.kernels.loading import ensure_compiled
+    from gateway.runtime.kernels.parts import ensure_compiled
     from gateway.runtime.logs import log_setup
     from gateway.runtime.workers import process_tuning
     from scenegate.cli.progress_bar import progress_bar

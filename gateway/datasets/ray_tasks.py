@@ -74,7 +74,7 @@ def run_pickled_task(task: bytes) -> bytes:
     Task and result are pickled here and not by Ray, because unpickling a task imports Numba, and ``ensure_compiled``
     configures the kernel cache before that.
     """
-    from gateway.runtime.kernels.loading import ensure_compiled
+    from gateway.runtime.kernels.parts import ensure_compiled
 
     ensure_compiled()
     from gateway.datasets.worker import run_task

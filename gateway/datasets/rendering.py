@@ -3,12 +3,14 @@
 ``worker`` uses it for datasets, ``gateway.cli`` for single images.
 """
 
+from __future__ import annotations
+
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import reduce
 from operator import or_
 from pathlib import Path
-from typing import Final
+from typing import TYPE_CHECKING, Final
 
 import msgspec
 import numpy as np
@@ -16,7 +18,6 @@ import numpy as np
 from gateway.adapters.render.config import RenderConfig
 from gateway.adapters.render.pipeline import Pipeline, camera_of, posted_document
 from gateway.adapters.render.request import RenderRequest
-from gateway.adapters.stereo.device.profile import DepthMode, Profile
 from gateway.datasets.annotated_scene import AnnotatedScene
 from gateway.datasets.annotations import ANNOTATION_OUTPUTS, annotate
 from gateway.datasets.derived_images import (
@@ -24,12 +25,10 @@ from gateway.datasets.derived_images import (
     flow_between,
     flow_file,
     instance_motions,
-    measured_depth,
     right_camera,
     unlit,
 )
 from gateway.datasets.scenes import LoadedScene
-from gateway.files.assets.light_rig_file import NO_LIGHT, cached_rig
 from gateway.scene.draw.bounds import MIN_SUSPECT, corners_of, loose_bounds, scale_hint
 from gateway.scene.draw.style import STUDIO_SAMPLES, Style
 from renderers.camera import Camera
@@ -38,8 +37,11 @@ from renderers.drawlist import Topology
 from renderers.encode import jpeg_rgb, png_gray16, png_label, png_rgb, tiff_float32
 from renderers.fxaa import fxaa
 from renderers.interface import Frame, Look, Output, Renderer
-from renderers.light_rig import STUDIO
+from renderers.light_rig import STUDIO, Rig
 from scenegate.datasets.manifest import ImageType, ObjectRecord, Settings
+
+if TYPE_CHECKING:
+    from gateway.adapters.stereo.device.profile import DepthMode, Profile
 
 OUTPUTS: Final[dict[ImageType, Output]] = {
     "color": Output.COLOR,
@@ -74,9 +76,15 @@ def style_of(settings: Settings) -> Style:
         settings.background,
         settings.antialias,  # type: ignore[arg-type]  # as the look
         settings.samples,  # type: ignore[arg-type]  # as the look
-        STUDIO if settings.rig is None else cached_rig(Path(settings.rig)),
+        STUDIO if settings.rig is None else _rig(settings.rig),
         settings.alpha_threshold,
     )
+
+
+def _rig(path: str) -> Rig:
+    from gateway.files.assets.light_rig_file import cached_rig
+
+    return cached_rig(Path(path))
 
 
 def rig_warning(scene: LoadedScene, settings: Settings) -> str | None:
@@ -88,11 +96,11 @@ def rig_warning(scene: LoadedScene, settings: Settings) -> str | None:
         return None
     if settings.look == "auto" and (scene.request is not None or scene.look != "studio"):
         return "drawn as Drake shows it, without --rig; --look studio takes it"
-    rig = cached_rig(Path(settings.rig))
+    rig = _rig(settings.rig)
     if scene.draw_list.lights and rig.lights and rig.scene_lights:
         return "its own lights replace those of --rig; scene_lights = false in the rig's file keeps them"
     if rig.is_dark and not (scene.draw_list.lights and rig.scene_lights):
-        return f"drawn black: {NO_LIGHT} (--rig)"
+        return "drawn black: the rig has neither [[lights]] nor [surroundings] (--rig)"
     return None
 
 
@@ -179,6 +187,8 @@ def render_sample(
         _finish(right, scene, right_view, renderer, look, style)
         images["stereo"] = _encode(right, "color", formats["stereo"])
     if "measured" in formats and inputs.profile is not None:
+        from gateway.datasets.measured_depth import measured_depth
+
         depth_mode = inputs.depth_mode or inputs.profile.depth.mode
         measured = measured_depth(
             renderer, inputs.profile, depth_mode, scene.draw_list, camera, look, inputs.noise_seed

@@ -12,14 +12,13 @@ from collections.abc import Callable
 from dataclasses import replace
 from functools import cache, lru_cache, partial
 from pathlib import Path
-from typing import Final, TypeVar
+from typing import TYPE_CHECKING, Final, TypeVar
 
 import msgspec
 
 from gateway.adapters.render.errors import RequestError
 from gateway.datasets.annotated_scene import AnnotatedScene, annotate_scene
 from gateway.datasets.classes import ClassTable
-from gateway.datasets.derived_images import cached_profile, intrinsics_of
 from gateway.datasets.files import write_atomically
 from gateway.datasets.job import PlannedSample, RenderTask, Result
 from gateway.datasets.rendering import (
@@ -53,6 +52,9 @@ from scenegate.datasets.manifest import (
     SampleRecord,
 )
 from scenegate.regular_files import sha256_of
+
+if TYPE_CHECKING:
+    from gateway.adapters.stereo.device.profile import Profile
 
 T = TypeVar("T")
 
@@ -154,7 +156,7 @@ def _inputs(
         next_camera=next_camera,
         next_scene=None if next_scene is scene_at_frame else next_scene,
         baseline=settings.baseline,
-        profile=cached_profile(settings.stereo_profile) if settings.stereo_profile else None,
+        profile=_profile_of(settings),
         depth_mode=settings.depth_mode,
         noise_seed=zlib.crc32(sample.id.encode()),
     )
@@ -185,11 +187,22 @@ def _load_cached(source: Source, options: SceneOptions, modified_ns: int, size: 
 
 def _camera_of(view: View, scene: LoadedScene, settings: manifest.Settings) -> Camera:
     """Return the camera of a view in a scene. Views without a lens have that of the stereo profile, if there is one."""
-    if settings.stereo_profile and view.intrinsics == Intrinsics():
-        view = replace(view, intrinsics=intrinsics_of(cached_profile(settings.stereo_profile)))
+    profile = _profile_of(settings)
+    if profile is not None and view.intrinsics == Intrinsics():
+        k = profile.model.intrinsics()
+        view = replace(view, intrinsics=Intrinsics(k.width, k.height, fy=k.focal_length, cx=k.cx, cy=k.cy))
     return camera_of(
         view, scene.root, scene.draw_list, scene.file_camera, settings.width, settings.height, settings.fovy
     )
+
+
+def _profile_of(settings: manifest.Settings) -> Profile | None:
+    """Return the camera profile of a dataset, if it has one."""
+    if not settings.stereo_profile:
+        return None
+    from gateway.datasets.measured_depth import cached_profile
+
+    return cached_profile(settings.stereo_profile)
 
 
 @lru_cache(CACHED_SCENES)

@@ -10,7 +10,7 @@ from typer.testing import CliRunner, Result
 
 from gateway.cli.commands import app
 from gateway.cli.render import _parse_color, _parse_types
-from gateway.runtime.kernels import loading
+from gateway.runtime.kernels import parts
 from renderers.images import decode_image
 from tests.files.robots.files import visual
 from tests.support.command import scenegate
@@ -48,7 +48,7 @@ def render(monkeypatch: pytest.MonkeyPatch, *arguments: str) -> Result:
     def stop(**_: object) -> None:
         raise KernelsNeeded
 
-    monkeypatch.setattr(loading, "ensure_compiled", stop)
+    monkeypatch.setattr(parts, "ensure_compiled", stop)
     return CliRunner().invoke(app, ["render", *arguments])
 
 

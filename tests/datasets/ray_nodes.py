@@ -107,7 +107,7 @@ def two_nodes(make: Callable[[], Any]) -> Any:
 
 
 def main(scenes: Path, out: Path, orbit: int, settings: bytes) -> None:
-    from gateway.runtime.kernels.loading import ensure_compiled
+    from gateway.runtime.kernels.parts import ensure_compiled
 
     ensure_compiled()
     from ray.cluster_utils import Cluster

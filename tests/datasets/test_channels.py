@@ -9,10 +9,10 @@ import pytest
 from numpy.typing import NDArray
 
 from gateway.adapters.stereo.device.profile import DepthMode
-from gateway.datasets.derived_images import cached_profile, flow_between, flow_file, intrinsics_of, right_camera
+from gateway.datasets.derived_images import flow_between, flow_file, right_camera
+from gateway.datasets.measured_depth import cached_profile
 from gateway.datasets.rendering import SampleInputs, render_sample
 from gateway.datasets.scenes import LoadedScene
-from gateway.datasets.views import Intrinsics
 from gateway.scene.draw.cameras import CameraError
 from gateway.scene.draw.style import Style
 from renderers.camera import Camera
@@ -202,4 +202,3 @@ def test_measured_depth_is_that_of_a_profile(
     assert (measured(2, plate_camera()) != first).any() == (depth_mode == "matched")
     with pytest.raises(CameraError, match="the size and lens of --stereo-profile"):
         measured(1, plate_camera(fx=41.0))
-    assert intrinsics_of(profile) == Intrinsics(64, 48, fy=40.0, cx=32.0, cy=24.0)

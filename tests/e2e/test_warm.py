@@ -19,9 +19,9 @@ PROGRAM = """
 import json, sys
 from gateway.runtime.kernels import parts
 from renderers.compiler import pending
-from gateway.runtime.kernels import cache, loading
+from gateway.runtime.kernels import cache, parts
 
-loading.ensure_compiled()
+parts.ensure_compiled()
 from numba.core import event
 
 compiled = []
@@ -71,7 +71,7 @@ import json
 import gateway
 from gateway.runtime.kernels import parts
 from renderers.compiler import pending
-from gateway.runtime.kernels import cache, loading
+from gateway.runtime.kernels import cache, parts
 
 cached = cache.are_cached()
 parts.load_needed()
@@ -126,10 +126,10 @@ def test_a_cache_that_lost_a_kernel_is_not_complete_and_the_server_does_not_comp
 import json, shutil, sys
 from pathlib import Path
 from gateway.runtime.kernels import parts
-from gateway.runtime.kernels import cache, loading
+from gateway.runtime.kernels import cache, parts
 from renderers.compiler import cache_folder as kernel_cache
 
-loading.ensure_compiled()
+parts.ensure_compiled()
 here = kernel_cache.folder()
 copy = Path(sys.argv[1])
 shutil.copytree(here, copy / here.name)

@@ -29,8 +29,6 @@ Color = tuple[NonNegative, NonNegative, NonNegative]
 Vector = tuple[Finite, Finite, Finite]
 
 
-NO_LIGHT: Final = "the rig has neither [[lights]] nor [surroundings]"
-"""Why scenes without lights are black, for messages."""
 _MAX_FILE_BYTES: Final = 1 << 20
 """Maximum size of a rig file; the image of its surroundings has its own."""
 
@@ -89,7 +87,8 @@ def rig_of(path: Path | None) -> Rig:
     """Return the rig of a file; the default rig for None. Log a warning if it has no light. Raises as ``read_rig``."""
     rig = STUDIO if path is None else read_rig(path)
     if rig.is_dark:
-        _log.warning("Scenes without lights of their own are black in the look studio", rig=str(path), reason=NO_LIGHT)
+        reason = "the rig has neither [[lights]] nor [surroundings]"
+        _log.warning("Scenes without lights of their own are black in the look studio", rig=str(path), reason=reason)
     return rig
 
 

@@ -9,14 +9,13 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import json
+import logging
 import os
 import signal
 import sys
 from collections.abc import Awaitable, Callable, Collection, Iterator
 from contextlib import contextmanager
 from pathlib import Path
-
-import structlog
 
 from gateway.runtime.file_lock import Lock, try_lock
 from gateway.runtime.kernels.progress import KernelProgress
@@ -28,7 +27,7 @@ _MAX_CHILDREN = 5
 _LOCK_SECONDS = 0.1
 """Interval between attempts to lock the cache folder, while another process compiles."""
 
-_log = structlog.get_logger("gateway")
+_log = logging.getLogger("gateway")
 
 OnCached = Callable[[str], Awaitable[None]]
 """Called with the name of a part."""
@@ -86,7 +85,7 @@ async def compile_missing(parts: Collection[str], progress: KernelProgress, on_c
                 "or choose another one with NUMBA_CACHE_DIR"
             ) from None
         if damaged:
-            _log.warning("Damaged kernels in the cache are compiled again", kernels=damaged, folder=str(folder))
+            _log.warning("Damaged kernels in the cache %s are compiled again: %s", folder, ", ".join(damaged))
         missing = []
         for part in parts:
             if await asyncio.to_thread(are_cached, [part]):

@@ -1,18 +1,18 @@
-"""Compiles kernels that are not cached, and loads them: for a command, or while a server starts."""
+"""Compiles kernels that are not cached, and loads them, while a server starts."""
 
 from __future__ import annotations
 
 import asyncio
 import math
 import time
-from contextlib import ExitStack, nullcontext
+from contextlib import ExitStack
 from functools import cache as cache_result
 from typing import Final
 
 import structlog
 
 from gateway.runtime.kernels import cache, parts
-from gateway.runtime.kernels.progress import KernelProgress, show_progress, write_progress
+from gateway.runtime.kernels.progress import KernelProgress, show_progress
 from gateway.runtime.service_registry import ServiceRegistry, one_line
 from renderers.compiler import pending
 
@@ -28,18 +28,6 @@ PASSING_ERRORS: Final = (OSError, MemoryError, cache.KernelLoadError)
 """Transient errors, such as a lack of file descriptors or memory. A failed compilation is final."""
 MAX_RETRY_SECONDS: Final = 300.0
 """Maximum delay between attempts to load the background kernels. Their number is not limited."""
-
-
-def ensure_compiled(*, show: bool = False) -> None:
-    """Compile the kernels that are not cached, if wanted with progress. Processes of a machine take turns.
-
-    Call it before any kernel is imported, and not in a running event loop. Raises KernelError.
-    """
-    if cache.are_cached(parts.PARTS):
-        return
-    progress = KernelProgress({name: part.function_count for name, part in parts.PARTS.items()})
-    with show_progress(progress, write_progress) if show else nullcontext():
-        asyncio.run(cache.compile_missing(parts.PARTS, progress))
 
 
 class KernelLoader:

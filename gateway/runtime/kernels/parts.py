@@ -8,13 +8,16 @@ that the parts share.
 
 from __future__ import annotations
 
+import asyncio
 from collections.abc import Mapping
+from contextlib import nullcontext
 from dataclasses import dataclass
 from importlib import import_module
 from pkgutil import walk_packages
 from typing import Final
 
 from gateway.runtime.kernels import cache
+from gateway.runtime.kernels.progress import KernelProgress, show_progress, write_progress
 from renderers.compiler import pending
 
 
@@ -91,6 +94,18 @@ BACKGROUND: Final[Mapping[str, KernelPart]] = {
 }
 """Parts that are compiled after the server is ready: first what published meshes need, then the longest first."""
 PARTS: Final[Mapping[str, KernelPart]] = {**NEEDED, **BACKGROUND}
+
+
+def ensure_compiled(*, show: bool = False) -> None:
+    """Compile the kernels that are not cached, if wanted with progress. Processes of a machine take turns.
+
+    Call it before any kernel is imported, and not in a running event loop. Raises KernelError.
+    """
+    if cache.are_cached(PARTS):
+        return
+    progress = KernelProgress({name: part.function_count for name, part in PARTS.items()})
+    with show_progress(progress, write_progress) if show else nullcontext():
+        asyncio.run(cache.compile_missing(PARTS, progress))
 
 
 def load_needed() -> None:

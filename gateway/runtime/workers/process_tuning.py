@@ -101,7 +101,6 @@ def pause_gc() -> None:
 def freeze_gc() -> None:
     """Exclude all existing objects from garbage collection: scanning half a million objects of imported modules would
     stop all threads for tens of milliseconds."""
-    gc.collect()
     gc.freeze()
     gc.enable()
 

@@ -83,8 +83,9 @@ def _filtered(radiance: NDArray[np.float32]) -> Environment:
     for k, size in enumerate(LEVEL_SIZES):
         directions = np.ascontiguousarray(octahedral_directions(size).reshape(-1, 3))
         samples = _hammersley(1 if k == 0 else _FILTER_SAMPLES)
-        means = np.zeros((size * size, 3), np.float32)
-        _prefilter(values, offsets, sizes, directions, k / (LEVELS - 1), samples, means)
+        lights, means = np.zeros((len(samples), 4)), np.zeros((size * size, 3), np.float32)
+        _light_samples(samples, k / (LEVELS - 1), 4.0 * math.pi / (sizes[0, 0] * sizes[0, 1]), lights)
+        _prefilter(values, offsets, sizes, directions, lights, means)
         maps.append(with_border(means.reshape(size, size, 3)))
     maps.append(irradiance_of(radiance))
     map_offsets = np.cumsum([0, *(4 * each.shape[0] * each.shape[1] for each in maps[:-1])])
@@ -129,52 +130,60 @@ def _tangent(nx: F64, ny: F64, nz: F64) -> tuple[F64, F64, F64]:
 
 
 @kernel
+def _light_samples(samples: Array2[np.float64], roughness: F64, pixel_angle: F64, lights: Array2[np.float64]) -> None:
+    """Fill ``lights`` with directions l that light comes from, sampled by the GGX distribution of half vectors h.
+
+    The viewer looks along the normal n.
+
+    Args:
+        samples: (S, 2), points of the unit square.
+        pixel_angle: solid angle of a pixel of the largest image, steradians.
+        lights: (S, 4), filled: l, whose z is n.l, and the level of the image with pixels of the sample's solid angle.
+    """
+    a2 = roughness**4
+    for s in range(samples.shape[0]):
+        e = samples[s, 0]
+        n_h = math.sqrt((1.0 - e) / (1.0 + (a2 - 1.0) * e))
+        sine = math.sqrt(max(0.0, 1.0 - n_h * n_h))
+        phi = 2.0 * math.pi * samples[s, 1]
+        hx, hy = sine * math.cos(phi), sine * math.sin(phi)
+        # The angle between n and l is twice that between n and h.
+        lights[s, 0], lights[s, 1], lights[s, 2] = 2.0 * n_h * hx, 2.0 * n_h * hy, 2.0 * n_h * n_h - 1.0
+        if a2 > 0.0:
+            d = n_h * n_h * (a2 - 1.0) + 1.0
+            # pdf = D n.h / (4 v.h), and v.h is n.h here.
+            pdf = a2 / (4.0 * math.pi * d * d)
+            lights[s, 3] = 0.5 * math.log2(1.0 / (samples.shape[0] * pdf) / pixel_angle) + 1.0
+
+
+@kernel
 def _prefilter(
     values: Array1[np.float32],
     offsets: Array1[np.int64],
     sizes: Array2[np.int64],
     directions: Array2[np.float64],
-    roughness: F64,
-    samples: Array2[np.float64],
+    lights: Array2[np.float64],
     means: Array2[np.float32],
 ) -> None:
-    """Fill ``means`` with the radiance around each direction, weighted by GGX for a viewer there (Karis 2013).
-
-    Half vectors h are importance-sampled. Each reads the image whose pixels have the solid angle of the sample. n is
-    the direction for which the mean is computed, l the direction that light comes from.
+    """Fill ``means`` with the radiance around each direction n, weighted by n.l (Karis 2013).
 
     Args:
         values: pyramid of P equirectangular images, flat.
         offsets: (P,), index of each image's first value.
         sizes: (P, 2), height and width of each image.
         directions: (D, 3), unit vectors.
-        samples: (S, 2), points of the unit square.
+        lights: (S, 4), see ``_light_samples``.
         means: (D, 3), filled.
     """
-    a2 = roughness**4
-    pixel_angle = 4.0 * math.pi / (sizes[0, 0] * sizes[0, 1])
     for k in range(directions.shape[0]):
         nx, ny, nz = directions[k, 0], directions[k, 1], directions[k, 2]
         tx, ty, tz = _tangent(nx, ny, nz)
         bx, by, bz = ny * tz - nz * ty, nz * tx - nx * tz, nx * ty - ny * tx
         red = green = blue = total = 0.0
-        for s in range(samples.shape[0]):
-            e = samples[s, 0]
-            n_h = math.sqrt((1.0 - e) / (1.0 + (a2 - 1.0) * e))
-            sine = math.sqrt(max(0.0, 1.0 - n_h * n_h))
-            phi = 2.0 * math.pi * samples[s, 1]
-            hx, hy = sine * math.cos(phi), sine * math.sin(phi)
-            # The viewer looks along n, so that the angle between n and l is twice that between n and h.
-            n_l = 2.0 * n_h * n_h - 1.0
+        for s in range(lights.shape[0]):
+            lx, ly, n_l, level = lights[s, 0], lights[s, 1], lights[s, 2], lights[s, 3]
             if n_l <= 0.0:
                 continue
-            lx, ly = 2.0 * n_h * hx, 2.0 * n_h * hy
-            level = 0.0
-            if a2 > 0.0:
-                d = n_h * n_h * (a2 - 1.0) + 1.0
-                # pdf = D n.h / (4 v.h), and v.h is n.h here.
-                pdf = a2 / (4.0 * math.pi * d * d)
-                level = 0.5 * math.log2(1.0 / (samples.shape[0] * pdf) / pixel_angle) + 1.0
             r, g, b = _sample_pyramid(
                 values,
                 offsets,

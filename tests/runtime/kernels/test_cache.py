@@ -14,7 +14,6 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-import structlog.testing
 import uvloop
 
 from gateway.runtime.kernels import cache as kernels
@@ -99,7 +98,9 @@ def test_complete_when_an_index_lists_more(cache: Path) -> None:
         assert not kernels.are_cached()
 
 
-async def test_a_damaged_kernel_is_deleted_before_it_is_compiled(cache: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+async def test_a_damaged_kernel_is_deleted_before_it_is_compiled(
+    cache: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
     async def compile_in_children(parts: Collection[str], *_: object) -> None:
         assert list(parts) == ["rest"]
         left.extend(path.name for path in folder.iterdir())
@@ -108,10 +109,9 @@ async def test_a_damaged_kernel_is_deleted_before_it_is_compiled(cache: Path, mo
     folder = write_kernel()
     (folder / "fxaa.smooth_rows-1.py311.nbi").write_bytes(bytes(5))
     monkeypatch.setattr(kernels, "compile_in_children", compile_in_children)
-    with structlog.testing.capture_logs() as logs:
-        await kernels.compile_missing(["rest"], KernelProgress({"rest": 1}))
+    await kernels.compile_missing(["rest"], KernelProgress({"rest": 1}))
     assert left == []
-    assert [entry["kernels"] for entry in logs] == [[KERNEL]]
+    assert [record.args for record in caplog.records] == [(cache_folder.folder(), KERNEL)]
 
 
 async def test_a_damaged_kernel_that_cannot_be_deleted_is_an_error(
