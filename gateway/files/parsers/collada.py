@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gateway.files.parsers.mesh_data import MeshData, MeshFaultError, MeshOptions, Shape, shape_of
-from gateway.files.parsers.polygons import triangles_of_polygons
+from gateway.files.parsers.polygons import triangles_of_polygons, triangles_of_rings
 from gateway.files.parsers.texture_files import ReadFile, TextureFiles
 
 MAX_ELEMENTS: Final = 1_000_000
@@ -22,6 +22,8 @@ MAX_XML_DEPTH: Final = 512
 """Maximum depth of XML elements: 256 levels of nodes, and the elements inside the last one."""
 MAX_VISITED_NODES: Final = 1_000_000
 """Maximum number of nodes that hold geometry, after all ``<instance_node>`` are expanded."""
+_RINGS: Final = "rings"
+"""Attribute of polygons that had holes, see ``_with_known_primitives``."""
 _X_UP: Final = ((0.0, -1.0, 0.0, 0.0), (0.0, 0.0, -1.0, 0.0), (1.0, 0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0))
 _Y_UP: Final = ((1.0, 0.0, 0.0, 0.0), (0.0, 0.0, -1.0, 0.0), (0.0, 1.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0))
 _UP_AXES: Final = {"X_UP": np.array(_X_UP), "Y_UP": np.array(_Y_UP), "Z_UP": np.eye(4)}
@@ -34,7 +36,7 @@ def read_collada(data: bytes, read_file: ReadFile, options: MeshOptions) -> Mesh
     data = data.lstrip()  # some files have a blank line before the XML declaration
     data = data.replace(b'="<', b'="&lt;')  # Assimp calls the root of STL files <STL_BINARY>
     data = _checked_document(data)
-    data, polygons_with_holes = _with_known_primitives(data)
+    data = _with_known_primitives(data)
     document = collada.Collada(io.BytesIO(data), ignore=[collada.DaeError])
     errors = document.errors
     if any(isinstance(error, collada.DaeBrokenRefError) and "Material" in str(error.msg) for error in errors):
@@ -50,27 +52,28 @@ def read_collada(data: bytes, read_file: ReadFile, options: MeshOptions) -> Mesh
     # Lights and cameras are not used anyway.
     lost = [text for text in sentences if not text.startswith(("Light ", "Camera "))]
     reader.result.warnings += [f"left out: {error}" for error in lost[:MAX_ERRORS]]
-    if polygons_with_holes:
-        reader.result.warnings.append(f"the holes of {polygons_with_holes} polygons (<h>) are closed")
     return reader.result
 
 
-def _with_known_primitives(data: bytes) -> tuple[bytes, int]:
-    """Return a document without what makes pycollada leave out a mesh or a polygon, and the number of former holes.
+def _with_known_primitives(data: bytes) -> bytes:
+    """Return a document without what makes pycollada leave out a mesh or a polygon.
 
-    It refuses a mesh that also has ``<linestrips>``, and passes over polygons with holes.
+    It refuses a mesh that also has ``<linestrips>``, and passes over polygons with holes (``<ph>``): they become ones
+    without, whose attribute ``_RINGS`` has the number of indices in the outline and in each hole.
     """
     if b"linestrips" not in data and b"ph>" not in data:
-        return data, 0
-    root, holes = ElementTree.fromstring(data), 0  # noqa: S314 - _checked_document refused what could be dangerous
+        return data
+    root = ElementTree.fromstring(data)  # noqa: S314 - _checked_document refused what could be dangerous
     for parent in root.iter():
-        for place, child in enumerate(list(parent)):
-            if child.tag.endswith("}ph") and len(child):
-                parent[place] = child[0]
-                holes += 1
-        for child in parent.findall("./{*}linestrips"):
+        for child in parent.findall("./{*}ph"):
+            rings = [(ring.text or "").split() for ring in child]
+            if any(rings):
+                polygon = ElementTree.SubElement(parent, child.tag.replace("}ph", "}p"))
+                polygon.text = " ".join(index for ring in rings for index in ring)
+                polygon.set(_RINGS, " ".join(str(len(ring)) for ring in rings))
+        for child in (*parent.findall("./{*}ph"), *parent.findall("./{*}linestrips")):
             parent.remove(child)
-    return ElementTree.tostring(root), holes
+    return ElementTree.tostring(root)
 
 
 def _without_lost_materials(document: Any, data: bytes) -> bytes:
@@ -304,8 +307,15 @@ def _triangle_set(polygons: Any) -> Any:
     if polygons.vertex is None or not len(polygons.index):
         return polygons.triangleset()
     sizes, corners = polygons.vcounts.astype(np.int64), np.arange(len(polygons.index))
-    positions = _corners(polygons.vertex, polygons.vertex_index, "vertices")
-    triangles = triangles_of_polygons(corners, np.cumsum(sizes) - sizes, sizes, positions)
+    starts, positions = np.cumsum(sizes) - sizes, _corners(polygons.vertex, polygons.vertex_index, "vertices")
+    with_holes = []
+    for number, polygon in enumerate(polygons.xmlnode.findall("./{*}p")):
+        if rings := polygon.get(_RINGS):
+            place, lengths = starts[number], np.array(rings.split(), np.int64)
+            own = positions[place : place + sizes[number]]
+            with_holes.append(place + triangles_of_rings(own, lengths * sizes[number] // max(1, lengths.sum())))
+            sizes[number] = 0
+    triangles = np.concatenate((triangles_of_polygons(corners, starts, sizes, positions), *with_holes))
     return collada.triangleset.TriangleSet(
         polygons.sources, polygons.material, polygons.index[triangles], polygons.xmlnode
     )

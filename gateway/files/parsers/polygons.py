@@ -64,18 +64,32 @@ def ears_of_concave_polygons(
                 turns = np.einsum("pci,pi->pc", np.cross(before, edges), normals)
                 is_concave = (turns < -_MIN_REFLEX * scales).any(axis=1) & np.isfinite(scales).all(axis=1)
             for number in np.flatnonzero(is_concave).tolist():
-                axis = int(np.abs(normals[number]).argmax())
-                plane = [(axis + 1) % 3, (axis + 2) % 3][:: 1 if normals[number, axis] > 0.0 else -1]
-                yield int(some[exists][number]), _ears(corners[number][:, plane])
+                found = _ears(corners[number], normals[number], np.array([size]))[: size - 2]
+                triangles = np.zeros((size - 2, 3), np.int64)  # corners on a line or in one place get no ear
+                triangles[: len(found)] = found
+                yield int(some[exists][number]), triangles
 
 
-def _ears(corners: NDArray[np.float64]) -> NDArray[np.int64]:
-    """Return the (N - 2, 3) triangles of a polygon of (N, 2) counter-clockwise corners; some may have no area."""
-    ears = triangulate_float64(np.ascontiguousarray(corners), np.array([len(corners)], np.uint32))
-    triangles = np.zeros((len(corners) - 2, 3), np.int64)  # corners on a straight line or in one place get no ear
-    found = ears.reshape(-1, 3)[: len(triangles)]
-    triangles[: len(found)] = found
-    return triangles
+def triangles_of_rings(positions: NDArray[np.floating[Any]], sizes: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Return the (M, 3) triangles of a polygon with holes, as places in ``positions``.
+
+    Args:
+        positions: (N, 3) of the corners of the outline and then of each hole.
+        sizes: number of corners of each.
+    """
+    if not np.isfinite(positions).all() or not 0 < sizes.sum() == len(positions):
+        return np.zeros((0, 3), np.int64)
+    outline = np.asarray(positions[: sizes[0]], np.float64) - positions[0]
+    normal = np.cross(outline, np.roll(outline, -1, axis=0)).sum(axis=0)
+    return _ears(np.asarray(positions, np.float64), normal, np.cumsum(sizes[sizes > 0]))
+
+
+def _ears(corners: NDArray[np.float64], normal: NDArray[np.float64], ends: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Return the (M, 3) triangles of an outline and its holes, (N, 3), which end before the corners ``ends``."""
+    axis = int(np.abs(normal).argmax())
+    plane = [(axis + 1) % 3, (axis + 2) % 3][:: 1 if normal[axis] > 0.0 else -1]
+    ears = triangulate_float64(np.ascontiguousarray(corners[:, plane]), ends.astype(np.uint32))
+    return ears.reshape(-1, 3).astype(np.int64)
 
 
 def triangles_of_strip(strip: NDArray[np.int64]) -> NDArray[np.int64]:

@@ -69,11 +69,20 @@ def test_lines_beside_triangles() -> None:
     assert content.warnings == []
 
 
-def test_holes_of_polygons_are_closed_with_a_warning() -> None:
-    polygon = f'<polygons count="1">{INPUT}<ph><p>0 1 2</p><h>0 2 1</h></ph></polygons>'
-    shape, content = read(document(polygon))
-    assert len(shape.triangles or b"") == 12
-    assert len(content.warnings) == 1
+def test_holes_of_polygons_are_cut_out() -> None:
+    square, hole = ((0, 0), (3, 0), (3, 3), (0, 3)), ((1, 1), (1, 2), (2, 2), (2, 1))
+    corners = " ".join(f"5 {y} {z}" for y, z in (*square, *hole))
+    polygons = "<p>4 5 6 7</p><ph><p>0 1 2 3</p><h>4 5 6 7</h></ph><ph><p>0 1 2 3</p></ph>"
+    data = document(f'<polygons count="3">{INPUT}{polygons}</polygons>')
+    data = data.replace('count="9">0 0 0 1 0 0 0 2 0', f'count="24">{corners}').replace(
+        'count="3" stride', 'count="8" stride'
+    )
+    shape, content = read(data)
+    a, b, c = np.frombuffer(shape.positions, np.float32).reshape(-1, 3, 3).swapaxes(0, 1)
+    areas = np.cross(b - a, c - a)[:, 0] / 2
+    assert areas.sum() == pytest.approx(9 - 1 + 9 - 1)
+    assert (areas < 0).sum() == 2
+    assert content.warnings == []
 
 
 def test_a_document_with_one_scene_that_it_does_not_name() -> None:
