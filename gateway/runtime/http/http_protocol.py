@@ -95,6 +95,8 @@ class BoundedHttpProtocol(BodyConnection, SlicedReads, HttpToolsProtocol):
     """Requests without a complete response."""
     _refusal = b""
     """Response to send after those to earlier requests."""
+    _cut_line = b""
+    """Last line of a head that is not complete: what the parser gets has whole headers, for ``_H2C``."""
     _stop_reason = ""
     """Reason why the parser was stopped."""
 
@@ -137,9 +139,13 @@ class BoundedHttpProtocol(BodyConnection, SlicedReads, HttpToolsProtocol):
             return
         self.body_progressed = True
         self._bytes_without_progress += len(data)
-        if state_before in (State.IDLE, State.HEAD) and b"h2c" in data[:SLICE_BYTES]:
-            head, blank_line, rest = data.partition(b"\r\n\r\n")
-            data = _H2C.sub(rb"\r\nignored\1", head) + blank_line + rest
+        if state_before in (State.IDLE, State.HEAD):
+            data, self._cut_line = self._cut_line + data, b""
+            if b"\r\n\r\n" not in data and (end := data.rfind(b"\r\n")) >= 0:
+                data, self._cut_line = data[:end], data[end:]
+            if b"h2c" in data[:SLICE_BYTES]:
+                head, blank_line, rest = data.partition(b"\r\n\r\n")
+                data = _H2C.sub(rb"\r\nignored\1", head) + blank_line + rest
         HttpToolsProtocol.data_received(self, data)  # not super(): the method of SlicedReads calls this one
         if self._bytes_without_progress > MAX_HEAD_BYTES and self.state is not State.REFUSED:
             in_body = self.state in (State.BODY, State.DISCARD)

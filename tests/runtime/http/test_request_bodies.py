@@ -196,6 +196,26 @@ async def test_offers_of_http_2_are_ignored(endpoint: Application, last: bool) -
             assert await answer(reader) == (200, summary(body))
 
 
+async def test_an_offer_of_http_2_may_arrive_in_two_slices() -> None:
+    """Whatever the place where the head is cut."""
+    app = FastAPI()
+
+    @app.post("/take")
+    async def take(request: Request) -> Response:
+        return Response(await request.body())
+
+    offer = b"Connection: Upgrade, HTTP2-Settings\r\nContent-Length: 3\r\nHTTP2-Settings: AAEAAEAA\r\nUpgrade: h2c"
+    whole = b"POST /take HTTP/1.1\r\nHost: h\r\n" + offer + b"\r\n\r\nabc"
+    async with listening(app) as port, asyncio.timeout(SECONDS):
+        reader, writer = await asyncio.open_connection("127.0.0.1", port)
+        for end in range(1, len(whole)):
+            for part in (whole[:end], whole[end:]):
+                writer.write(part)
+                await asyncio.sleep(0.002)
+            assert await answer(reader) == (200, b"abc"), whole[:end]
+        writer.close()
+
+
 @pytest.mark.parametrize("more", [b"content-length: 300000", b"transfer-encoding: chunked"])
 async def test_upgrade_with_a_body_is_refused(endpoint: Application, more: bytes) -> None:
     head = b"POST /take HTTP/1.1\r\nhost: h\r\nconnection: Upgrade\r\nupgrade: websocket\r\n%s\r\n\r\n" % more
