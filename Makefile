@@ -119,7 +119,7 @@ bench: $(VENV)/.installed-dev ## measure against real peers, write bench/results
 	$(BIN)/python -m $(if $(BENCH),bench.$(BENCH),bench $(if $(PEERS),--peers $(PEERS)) --write bench/results.md) $(ARGS)
 
 mutants: $(VENV)/.installed-dev ## measure how many small faults the tests notice (ARGS="--rooms scene --sample 10")
-	SCENEGATE_PYTHON=$(abspath $(BIN))/python $(UV) run --quiet --no-project --python $(BIN)/python \
+	MUTANTS_PYTHON=$(abspath $(BIN))/python $(UV) run --quiet --no-project --python $(BIN)/python \
 		--with cosmic-ray==$(COSMIC_RAY) python tools/mutants.py $(ARGS)
 
 docs: $(VENV)/.installed-dev ## write the pages of docs/ that are generated from the source

@@ -74,7 +74,7 @@ OPERATORS = (
 )
 KERNEL = re.compile(r"^\s*@(kernel|device_function|inlined|cached_njit|njit|intrinsic)\b", re.MULTILINE)
 """Decorators of what is compiled."""
-PYTHON = os.environ.get("SCENEGATE_PYTHON", sys.executable)
+PYTHON = os.environ.get("MUTANTS_PYTHON", sys.executable)
 TEST_SECONDS = 900
 """Longest run of a room's tests; a fault that makes them longer counts as noticed."""
 
