@@ -18,7 +18,7 @@ from renderers.msaa import SampleBand, lane_lists, sample_offsets
 from renderers.raster.coverage import draw_band
 from renderers.raster.frame_phases import run_phases
 from renderers.raster.frame_setup import set_up_frame
-from renderers.raster.layout import CHUNK_SIZE, CHUNK_VALUES, Chunk, Draw, Primitive, RasterFrame
+from renderers.raster.layout import CHUNK_SIZE, CHUNK_VALUES, MAX_SIDE, Chunk, Draw, Primitive, RasterFrame
 from renderers.raster.msaa.edges import draw_samples, find_edges
 from renderers.raster.resolve import resolve_band
 from renderers.raster.resolve_normals import resolve_normals
@@ -27,7 +27,7 @@ from renderers.raster.setup import setup
 from renderers.raster.transform import transform
 from renderers.shading.headlight.shade_rows import shade_rows
 from renderers.stop import current_stop
-from renderers.visibility_buffer import BAND_ROWS, SampledShader, Visibility
+from renderers.visibility_buffer import BAND_ROWS, SampledShader, Visibility, band_count
 
 
 class FrameJob:
@@ -46,6 +46,7 @@ class FrameJob:
         samples: int = 1,
         outputs: Sequence[int] = (0, 0, 0, 0),
         has_layer: bool = False,
+        bands: range | None = None,
     ) -> None:
         """
         Args:
@@ -57,6 +58,7 @@ class FrameJob:
             outputs: addresses of depth, label, instance and normal, written after a band is rasterized; 0: not wanted.
                 The images must outlive the job's tasks.
             has_layer: ``layers`` will set a layer of the whole image. Without it, each thread has one of a band.
+            bands: bands of the image to draw; None: all.
         """
         count, vertices, primitives = prepared.instances.counts
         self.stride = -(-camera.width // LANES) * LANES
@@ -68,6 +70,8 @@ class FrameJob:
         work_memory, work_addresses = aligned_parts(sizes)
         self.poses_address = work_addresses["X_camera_mesh"]
         """Address of ``X_camera_mesh``."""
+        chunks = work_addresses["chunks"] - address_of(work_memory, np.uint8)
+        self._chunks = work_memory[chunks : chunks + sizes["chunks"]].view(Chunk.dtype)
         self.X_camera_mesh: NDArray[np.float64] = work_memory[: 128 * count].view(np.float64).reshape(-1, 4, 4)
         """(I, 4, 4) float64 as in ``Visibility``."""
         # The task and what its kernels read must outlive them.
@@ -76,6 +80,7 @@ class FrameJob:
         memory = np.zeros(RasterFrame.nbytes // 8, np.int64)
         self._frame, self._frame_address = memory.view(RasterFrame.dtype), address_of(memory, np.int64)
         depth, label, instance, normal = outputs
+        bands = range(band_count(camera.height)) if bands is None else bands
         self._frame[0] = RasterFrame.record(
             stride=self.stride,
             samples=samples,
@@ -86,6 +91,8 @@ class FrameJob:
             keep_back_faces=keep_back_faces,
             width=camera.width,
             height=camera.height,
+            first_drawn_band=bands.start,
+            drawn_band_count=len(bands),
             fx=camera.fx,
             fy=camera.fy,
             cx=camera.cx,
@@ -170,6 +177,12 @@ class FrameJob:
         if shade_job:
             frame["shade_kernel"], frame["shade_job"] = _kernel_address(shade_rows), shade_job
         return Task(frame, self._frame_address, self._useful_threads)
+
+    def touched_bands(self) -> range:
+        """Return the bands from the first to the last one that primitives touch, after a task with any ``bands``."""
+        chunks = self._chunks[: int(self._frame["chunk_count"][0])]
+        first, last = chunks["first_band"].min(initial=MAX_SIDE), chunks["last_band"].max(initial=-1)
+        return range(int(first), int(last) + 1) if first <= last else range(0)
 
     def sampled_task(self, bands: int, memory: object, shader: SampledShader) -> Task:
         """``task`` for several samples per pixel.

@@ -78,7 +78,7 @@ def _do_unit(frame: RasterFrame, phase: I64, unit: I64, band_memory: Address) ->
         end = min(begin + frame.chunks_per_unit, frame.chunk_count)
         call_kernel(frame.setup_kernel, (address(frame), begin, end))
     else:
-        first_row = unit * BAND_ROWS
+        first_row = (frame.first_drawn_band + unit) * BAND_ROWS
         end_row = min(first_row + BAND_ROWS, frame.height)
         if frame.samples > 1:
             _draw_and_shade_samples(frame, first_row, end_row, band_memory)

@@ -26,7 +26,7 @@ from renderers.shading import HeadlightJob, ShadingScene, paint, solid_pixels
 from renderers.shading import prepare as prepare_shading
 from renderers.shading.depth_peeling import draw_cut_outs
 from renderers.shading.studio.passes import paint as paint_studio
-from renderers.visibility_buffer import SampledShader, SampledView, Visibility, band_count
+from renderers.visibility_buffer import Rasterizer, SampledShader, SampledView, Visibility, band_count
 
 _OUTPUTS: Final[tuple[tuple[int, tuple[int, ...], type[np.generic]], ...]] = (
     (Output.COLOR.value, (3,), np.uint8),
@@ -78,6 +78,31 @@ class _Call:
     """Of the frame's images, in the order of ``_OUTPUTS``; 0: not wanted."""
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class _BandRasterizer:
+    """The ``Rasterizer`` that draws and shades some bands of the images only. Layers see nothing in the others."""
+
+    renderer: CpuRenderer
+    bands: range
+
+    def visibility(self, scene: DrawList, camera: Camera, **bounds: Any) -> Visibility:
+        return self.renderer.visibility(scene, camera, bands=self.bands, **bounds)
+
+    def shade_samples(self, *arguments: Any, **selection: Any) -> None:
+        raise NotImplementedError
+
+    def parallel(self, units: int, work: Callable[[int], object]) -> None:
+        self.renderer.parallel(len(self.bands), lambda k: work(self.bands[k]))
+
+
+def _cut_outs(call: _Call) -> NDArray[np.bool_]:
+    """Return the instances of which parts may be missing in the geometry outputs, (I,) bool."""
+    structure = call.prepared.instances.structure
+    if call.look.name in VTK_LOOKS:
+        return np.zeros_like(structure.masked)
+    return structure.masked | structure.blended if call.look.alpha_threshold > 0.0 else structure.masked
+
+
 class CpuRenderer:
     """Renders on the CPU. Thread-safe. The output is bit-identical for any number of threads.
 
@@ -116,11 +141,7 @@ class CpuRenderer:
         if Output.LAMP_SHARE in outputs:
             fill = np.zeros if look.name == "gltf" else np.ones  # only this look writes it
             frame.lamp_share = fill((camera.height, camera.width + LANES), np.float32)
-        call = _Call(scene, prepared, camera, look, frame, addresses)
-        if frame.color is None:
-            self._draw_geometry(call)
-        else:
-            self._draw_color(call, frame.color)
+        self._draw(_Call(scene, prepared, camera, look, frame, addresses))
         if frame.depth is not None and camera.depth_origin != 0.0:
             np.subtract(frame.depth, np.float32(camera.depth_origin), out=frame.depth)
         return frame
@@ -136,8 +157,9 @@ class CpuRenderer:
         before: Visibility | None = None,
         earlier: NDArray[np.int32] | None = None,
         latest: bool = False,
+        bands: range | None = None,
     ) -> Visibility:
-        """As ``Rasterizer.visibility``."""
+        """As ``Rasterizer.visibility``; ``bands``: bands of the image to draw, beyond which nothing is seen."""
         prepared = prepare(scene)
         job = FrameJob(
             prepared,
@@ -146,9 +168,12 @@ class CpuRenderer:
             select=address_of(select, np.bool_),
             cull_back=address_of(cull_back, np.bool_),
             has_layer=True,
+            bands=bands,
         )
         shape = camera.height, job.stride
         ids, inv_z = aligned(shape, np.int32)[0], aligned(shape, np.float32)[0]
+        if bands is not None:
+            ids.fill(-1)
         layer = Visibility(ids, inv_z, prepared.instances.first_ids, job.X_camera_mesh)
         job.layers(layer, beyond, before, earlier, latest=latest)
         self._threads.share(job.task())
@@ -181,68 +206,118 @@ class CpuRenderer:
         """As ``Rasterizer.parallel``."""
         self._threads.run(units, work)
 
-    def _draw_geometry(self, call: _Call) -> None:
+    def _draw(self, call: _Call) -> None:
+        """Fill all outputs. Bands that see-through instances touch are drawn in layers, all others at once."""
+        see_through = self._see_through(call)
+        rasterizer: Rasterizer = self
+        if (call.frame.color is None or call.look.samples == 1) and see_through.any():
+            bands = self._touched_bands(call, see_through)
+            if 2 * len(bands) <= band_count(call.camera.height):
+                self._draw_at_once(call, ~see_through)
+                if not bands:
+                    return
+                rasterizer = _BandRasterizer(self, bands)
+        if call.frame.color is None:
+            self._draw_geometry(call, rasterizer)
+        else:
+            self._draw_color(call, call.frame.color, rasterizer)
+
+    def _see_through(self, call: _Call) -> NDArray[np.bool_]:
+        """Return the instances that are not opaque in all outputs, (I,) bool; none in colour images of ``studio``."""
+        if call.frame.color is None:
+            return _cut_outs(call)
+        none = np.zeros(call.prepared.instances.counts[0], np.bool_)
+        if call.look.name == "studio":
+            return none
+        shading = _shading(call.scene, call.prepared, call.look.name, self.parallel)
+        if not shading.has_transparency:
+            return none
+        cut_out = _cut_outs(call) if any(call.addresses[1:]) else none
+        return shading.transparent | shading.blended_in_place | cut_out
+
+    def _touched_bands(self, call: _Call, select: NDArray[np.bool_]) -> range:
+        """Return the bands from the first to the last one that some instances touch."""
+        selected, threads = address_of(select, np.bool_), self._threads.threads
+        job = FrameJob(call.prepared, call.camera, threads, select=selected, has_layer=True, bands=range(0))
+        self._threads.share(job.task())
+        return job.touched_bands()
+
+    def _draw_geometry(self, call: _Call, rasterizer: Rasterizer) -> None:
         """Fill the geometry outputs; the visibility layer itself is not kept."""
-        if call.look.name not in VTK_LOOKS:
-            structure = call.prepared.instances.structure
-            cut_out = structure.masked | structure.blended if call.look.alpha_threshold > 0.0 else structure.masked
-            if cut_out.any():
-                self._draw_cut_geometry(call, cut_out)
-                return
-        job = FrameJob(call.prepared, call.camera, self._threads.threads, opaque=True, outputs=call.addresses[1:])
+        cut_out = _cut_outs(call)
+        if cut_out.any():
+            self._draw_cut_geometry(call, cut_out, rasterizer)
+        else:
+            self._draw_opaque_geometry(call)
+
+    def _draw_opaque_geometry(self, call: _Call, select: NDArray[np.bool_] | None = None) -> None:
+        """Fill the geometry outputs with opaque instances; ``select``: as in ``visibility``."""
+        job = FrameJob(
+            call.prepared,
+            call.camera,
+            self._threads.threads,
+            select=address_of(select, np.bool_),
+            opaque=True,
+            outputs=call.addresses[1:],
+        )
         self._threads.share(job.task())
 
-    def _draw_cut_geometry(self, call: _Call, cut_out: NDArray[np.bool_]) -> None:
+    def _draw_cut_geometry(self, call: _Call, cut_out: NDArray[np.bool_], rasterizer: Rasterizer) -> None:
         """Fill the geometry outputs of a scene with cut-outs, whose alpha is that of the colour image."""
         scene, camera = call.scene, call.camera
         look = replace(call.look, name="gltf") if call.look.name == "studio" else call.look
-        solid = partial(solid_pixels, self, _shading(scene, call.prepared, look.name, self.parallel), look)
-        visible = self.visibility(scene, camera, select=~cut_out)
-        draw_cut_outs(self, scene, camera, cut_out, visible, solid)
+        solid = partial(solid_pixels, rasterizer, _shading(scene, call.prepared, look.name, self.parallel), look)
+        visible = rasterizer.visibility(scene, camera, select=~cut_out)
+        draw_cut_outs(rasterizer, scene, camera, cut_out, visible, solid)
         job = FrameJob(call.prepared, camera, self._threads.threads, outputs=call.addresses[1:], has_layer=True)
-        self.parallel(band_count(camera.height), job.resolver(visible))
+        rasterizer.parallel(band_count(camera.height), job.resolver(visible))
 
-    def _draw_color(self, call: _Call, color: NDArray[np.uint8]) -> None:
+    def _draw_color(self, call: _Call, color: NDArray[np.uint8], rasterizer: Rasterizer) -> None:
         """Fill all outputs, colour included.
 
-        Opaque scenes with one sample per pixel are rasterized once for all outputs. Translucent scenes, several samples
-        and the studio look need further rasterizations.
+        Translucent scenes and the studio look need further rasterizations.
         """
         scene, camera, look = call.scene, call.camera, call.look
-        has_geometry = any(call.addresses[1:])
-        if has_geometry and (look.name == "studio" or look.samples != 1):
-            self._draw_geometry(call)
         shading = _shading(scene, call.prepared, look.name, self.parallel)
+        if look.name != "studio" and not shading.has_transparency:
+            self._draw_at_once(call)
+            return
+        if any(call.addresses[1:]):
+            self._draw_geometry(call, rasterizer)
         if look.name == "studio":
             paint_studio(self, scene, shading, camera, look.rig, look.samples, look.background, color)
-        elif not shading.has_transparency:
-            self._draw_opaque(call, shading, has_geometry)
         elif look.samples != 1:
             paint_each_sample(self, scene, shading, camera, look, color)
         else:
-            if has_geometry:
-                self._draw_geometry(call)
-            paint(self, scene, shading, camera, look, color, call.frame.lamp_share)
+            paint(rasterizer, scene, shading, camera, look, color, call.frame.lamp_share)
 
-    def _draw_opaque(self, call: _Call, shading: ShadingScene, has_geometry: bool) -> None:
-        """Fill the colour output of an opaque scene and, with one sample per pixel, the geometry outputs.
+    def _draw_at_once(self, call: _Call, select: NDArray[np.bool_] | None = None) -> None:
+        """Fill all outputs with instances that are opaque in them.
 
-        A band is shaded while it is in the cache, before the back faces that only geometry shows are drawn on top.
+        With one sample per pixel, they are rasterized once: a band is shaded while it is in the cache, before the back
+        faces that only geometry shows are drawn on top.
+
+        Args:
+            select: as in ``visibility``.
         """
         prepared, camera, look, threads = call.prepared, call.camera, call.look, self._threads.threads
-        culled = address_of(shading.cull_back, np.bool_)
-        if look.samples == 1:
-            job = FrameJob(
-                prepared,
-                camera,
-                threads,
-                cull_back=culled,
-                keep_back_faces=has_geometry,
-                opaque=True,
-                outputs=call.addresses[1:],
-            )
-        else:
-            job = FrameJob(prepared, camera, threads, cull_back=culled, opaque=True, samples=look.samples)
+        has_geometry, is_sampled = any(call.addresses[1:]), look.samples != 1
+        if has_geometry and (is_sampled or call.frame.color is None):
+            self._draw_opaque_geometry(call, select)
+        if call.frame.color is None:
+            return
+        shading = _shading(call.scene, prepared, look.name, self.parallel)
+        job = FrameJob(
+            prepared,
+            camera,
+            threads,
+            select=address_of(select, np.bool_),
+            cull_back=address_of(shading.cull_back, np.bool_),
+            keep_back_faces=has_geometry and not is_sampled,
+            opaque=True,
+            samples=look.samples,
+            outputs=(0, 0, 0, 0) if is_sampled else call.addresses[1:],
+        )
         shading_job = HeadlightJob(
             shading,
             camera,
@@ -251,10 +326,10 @@ class CpuRenderer:
             X_camera_mesh=job.poses_address,
             stride=job.stride,
             color=call.addresses[0],
-            lamp_share=call.frame.lamp_share if look.samples == 1 else None,
+            lamp_share=None if is_sampled else call.frame.lamp_share,
         )
-        if look.samples == 1:
-            self._threads.share(job.task(shading_job.address))
-        else:
+        if is_sampled:
             bands = allocate_sample_bands(threads, camera, look.samples, job.stride)
             self._threads.share(job.sampled_task(*bands, mixed_bands(shading_job)))
+        else:
+            self._threads.share(job.task(shading_job.address))

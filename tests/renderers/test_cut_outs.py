@@ -93,3 +93,26 @@ def test_a_leaf_that_is_cut_out_everywhere_is_nowhere() -> None:
     frame = RENDERER.render(scene, VIEW, GEOMETRY, Look("gltf"))
     assert frame.depth is not None
     assert np.isinf(frame.depth).all()
+
+
+@pytest.mark.parametrize("look", ["phong", "plain", "gltf"])
+@pytest.mark.parametrize("top", [-0.2, 4.0])
+def test_a_see_through_instance_changes_only_the_bands_that_it_touches(look: LookName, top: float) -> None:
+    """A band of glass and leaves at a height in the view, or beside it; another with alpha 0 in all of it."""
+    view, solid = camera(160, 240), leaf(5.0, painted(0.2, 0.6, 0.4), 1, 0.7)
+    low = np.eye(4)
+    low[:3, 3], low[1, 1] = (0.0, top, 0.0), 0.1
+    holes = np.random.default_rng(4).integers(0, 256, (8, 8), np.uint8)
+    glass = replace(leaf(3.0, painted(0.9, 0.1, 0.1), 2), X_world_mesh=low)
+    glass = replace(
+        glass, material=replace(glass.material, base_color=(0.9, 0.1, 0.1, 0.4), alpha_mode=AlphaMode.BLEND)
+    )
+    cut = replace(leaf(3.5, painted(0.1, 0.1, 0.9, holes), 3), X_world_mesh=low)
+    unseen = leaf(2.0, replace(glass.material, base_color=(0.0, 0.0, 0.0, 0.0)), 4)
+    style, outputs = Look(look, (0, 0, 0), alpha_threshold=0.5), Output.COLOR | GEOMETRY
+    some_bands = images(SEVERAL.render(DrawList((solid, glass, cut)), view, outputs, style))
+    all_bands = images(RENDERER.render(DrawList((solid, glass, cut, unseen)), view, outputs, style))
+    if look != "gltf":  # VTK's rule: what is translucent is opaque there
+        some_bands, all_bands = {"color": some_bands["color"]}, {"color": all_bands["color"]}
+    for name, image in some_bands.items():
+        np.testing.assert_allclose(image, all_bands[name], rtol=1e-6, err_msg=name)
