@@ -115,8 +115,24 @@ def _sample_spread(squared_side: F32x8, count: F32x8, edge_variance: F32x8) -> F
 
 
 @inlined
+def is_within_texel(texture: ShadingTexture, gradient: F32x8x4) -> bool:
+    """Return True if one bilinear sample of level 0 covers the footprint of each of eight pixels."""
+    squared_across, squared_down = squared_sides(gradient, vec.f32(texture.width), vec.f32(texture.height))
+    limit = vec.f32(_SAMPLE_SPACING * _SAMPLE_SPACING)
+    is_linear = texture.mag_linear != 0 or texture.min_linear != 0
+    return is_linear and vec.movemask((squared_across > limit) | (squared_down > limit)) == 0
+
+
+@inlined
 def sample_area(
-    texture: ShadingTexture, view: TextureView, pixels: ShadedPixels, x: I64, u: F32x8, v: F32x8, gradient: F32x8x4
+    texture: ShadingTexture,
+    view: TextureView,
+    pixels: ShadedPixels,
+    x: I64,
+    u: F32x8,
+    v: F32x8,
+    gradient: F32x8x4,
+    alpha: bool,
 ) -> F32x8x4:
     """Return RGBA, 0 .. 1, averaged over the footprints of eight pixels.
 
@@ -124,6 +140,7 @@ def sample_area(
         texture, view: a ShadingTexture and its TextureView.
         pixels: its rows of texels are overwritten.
         u, v: texture coordinates of the pixels' centres.
+        alpha: True: read alpha. Otherwise it is 1.
     """
     du_dx, dv_dx, du_dy, dv_dy = gradient
     zero, half, one = vec.f32(0.0), vec.f32(0.5), vec.f32(1.0)
@@ -140,8 +157,8 @@ def sample_area(
         edge_variance = vec.select(level == vec.i32(0), one, vec.f32(2.0))
         spread_x = _sample_spread(squared_across, column_count, edge_variance)
         spread_y = _sample_spread(squared_down, row_count, edge_variance)
-    r, g, b, alpha = zero, zero, zero, zero
-    # Each sample is located and read in the same rows; alpha is always read, and stored only if it is needed.
+    r, g, b, a = zero, zero, zero, zero
+    # Each sample is located and read in the same rows.
     offsets, weights = texels_of_level(pixels, 0)
     # Each pixel has a grid of its own, and takes no part in the samples beyond it.
     for row in range(vec.maximum_of(rows)):
@@ -152,9 +169,9 @@ def sample_area(
             sample_u = wrapped(row_u + offset_x * du_dx, view.wrap_s)
             sample_v = wrapped(row_v + offset_x * dv_dx, view.wrap_t)
             locate(view, offsets, weights, x, level, linear_lanes, sample_u, sample_v)
-            rgba = read_texels(view, offsets, weights, x, True)
+            rgba = read_texels(view, offsets, weights, x, alpha)
             is_sampled = (vec.i32(row) < rows) & (vec.i32(column) < columns)
             r, g = r + vec.select(is_sampled, rgba[0], zero), g + vec.select(is_sampled, rgba[1], zero)
-            b, alpha = b + vec.select(is_sampled, rgba[2], zero), alpha + vec.select(is_sampled, rgba[3], zero)
+            b, a = b + vec.select(is_sampled, rgba[2], zero), a + vec.select(is_sampled, rgba[3], zero)
     sample_weight = one / (column_count * row_count)
-    return r * sample_weight, g * sample_weight, b * sample_weight, alpha * sample_weight
+    return r * sample_weight, g * sample_weight, b * sample_weight, a * sample_weight

@@ -18,7 +18,7 @@ from renderers.compiler.kernel_calls import call_kernel
 from renderers.compiler.kernel_types import F32, I32, I64, Address, Pointer, i64
 from renderers.compiler.pointers import address, advance, f32_at
 from renderers.compiler.simd import F32x8, F32x8x2, F32x8x4, F32x8x6
-from renderers.shading.area_filter import sample_area, squared_sides
+from renderers.shading.area_filter import is_within_texel, sample_area, squared_sides
 from renderers.shading.layout import STRIDE, Segment, ShadedPixels, ShadingTexture
 from renderers.shading.mip_levels import MAGNIFIED, is_minified, mip_levels
 from renderers.shading.texels import TextureView, locate, read_texels, texels_of_level, texture_view, wrapped
@@ -82,7 +82,14 @@ def _sample_areas(
     for x in range(0, count, vec.LANES):
         u, v = _transformed_uv(uv_transform, uv, x)
         gradient = _transformed_gradient(uv_transform, uv_gradient, x)
-        _store_texel(rows, x, sample_area(texture, view, pixels, x, u, v, gradient), alpha)
+        if is_within_texel(texture, gradient):
+            offsets, weights = texels_of_level(pixels, 0)
+            level, is_linear = vec.i32(0), vec.i32(0) == vec.i32(0)
+            locate(view, offsets, weights, x, level, is_linear, wrapped(u, view.wrap_s), wrapped(v, view.wrap_t))
+            rgba = read_texels(view, offsets, weights, x, alpha)
+        else:
+            rgba = sample_area(texture, view, pixels, x, u, v, gradient, alpha)
+        _store_texel(rows, x, rgba, alpha)
 
 
 @inlined

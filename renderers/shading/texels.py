@@ -230,16 +230,6 @@ def _unit_channel(a: I32x8, b: I32x8, c: I32x8, d: I32x8, tx: F32x8, ty: F32x8, 
 
 
 @inlined
-def _decoded_channel(
-    linear_from_byte: Pointer[F32], a: I32x8, b: I32x8, c: I32x8, d: I32x8, tx: F32x8, ty: F32x8, k: I64
-) -> F32x8:
-    """Return channel ``k``, decoded from sRGB to linear light, between four texels."""
-    upper = vec.gather(linear_from_byte, _bytes(a, k)), vec.gather(linear_from_byte, _bytes(b, k))
-    lower = vec.gather(linear_from_byte, _bytes(c, k)), vec.gather(linear_from_byte, _bytes(d, k))
-    return _bilinear(upper[0], upper[1], lower[0], lower[1], tx, ty)
-
-
-@inlined
 def read_texels(view: TextureView, offsets: Pointer[I32], weights: Pointer[F32], x: I64, alpha: bool) -> F32x8x4:
     """Return RGBA, 0 .. 1, of the pixels x .. x + 8 of a part from the texels that ``locate`` has stored.
 
@@ -248,14 +238,17 @@ def read_texels(view: TextureView, offsets: Pointer[I32], weights: Pointer[F32],
         alpha: True: read alpha. Otherwise it is 1.
     """
     tx, ty = vec.load(weights, x), vec.load(weights, STRIDE + x)
+    if view.srgb:
+        upper = vec.decode_pairs(view.linear_from_byte, view.texels, offsets, x)
+        lower = vec.decode_pairs(view.linear_from_byte, view.texels, offsets, STRIDE + x)
+        red = _bilinear(upper[0], upper[3], lower[0], lower[3], tx, ty)
+        green = _bilinear(upper[1], upper[4], lower[1], lower[4], tx, ty)
+        blue = _bilinear(upper[2], upper[5], lower[2], lower[5], tx, ty)
+        if not alpha:
+            return red, green, blue, vec.f32(1.0)
     a, b = vec.load_pairs(view.texels, offsets, x)
     c, d = vec.load_pairs(view.texels, offsets, STRIDE + x)
-    if view.srgb:
-        table = view.linear_from_byte
-        red = _decoded_channel(table, a, b, c, d, tx, ty, 0)
-        green = _decoded_channel(table, a, b, c, d, tx, ty, 1)
-        blue = _decoded_channel(table, a, b, c, d, tx, ty, 2)
-    else:
+    if not view.srgb:
         red = _unit_channel(a, b, c, d, tx, ty, 0)
         green = _unit_channel(a, b, c, d, tx, ty, 1)
         blue = _unit_channel(a, b, c, d, tx, ty, 2)

@@ -9,7 +9,7 @@ Measured on Zen 3 with LLVM 22:
 * ``store(p, select(m, new, load(p)))`` becomes a masked store (vpmaskmovd), which is microcoded on Zen 1 to 3: 5 to 15
   times slower. ``load_volatile`` keeps LLVM from recognising the pattern (llvm-project issue 213195, fixed by pull
   request 214187, which llvmlite 0.50 does not have).
-* ``gather`` becomes eight scalar loads on Zen, where vgatherdps is slower, and one instruction on Intel.
+* ``gather`` is eight scalar loads on AMD, where vgatherdps is slower, and one instruction on Intel.
 * ``math.floor`` and ``math.ceil`` of float32 scalars are calls into libm; ``floor`` and ``ceil`` here are one
   instruction.
 """

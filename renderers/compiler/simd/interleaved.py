@@ -156,6 +156,35 @@ def load_pairs(typing_context: Any, values: Any, offsets: Any, index: Any) -> An
     return result(values, offsets, types.int64), generate
 
 
+@intrinsic
+def decode_pairs(typing_context: Any, table: Any, texels: Any, offsets: Any, index: Any) -> Any:
+    """Return six f32x8: red, green and blue of ``load_pairs``' texels, of the first one and of the one after it.
+
+    Twelve bytes are loaded for each lane, and each is looked up by another load: on Zen 4 in half the time of
+    ``load_pairs`` and six ``gather``.
+
+    Args:
+        table: pointer to (256,) float32, values of the bytes.
+        texels: pointer to int32, bytes red, green, blue and alpha.
+        offsets, index: as in ``load_pairs``.
+    """
+    result: Any = types.UniTuple(f32x8, 6)
+
+    def generate(context: Any, builder: Any, sig: Any, args: Any) -> Any:
+        table, texels, offsets, index = args
+        columns = [ir.Constant(f32x8.llvm, ir.Undefined)] * 6
+        for lane in range(LANES):
+            place = builder.gep(offsets, [builder.add(index, ir.Constant(I64, lane))])
+            pair = builder.bitcast(builder.gep(texels, [builder.zext(builder.load(place), I64)]), I8.as_pointer())
+            for k, byte in enumerate((0, 1, 2, 4, 5, 6)):
+                level = builder.zext(builder.load(builder.gep(pair, [ir.Constant(I64, byte)])), I64)
+                value = builder.load(builder.gep(table, [level]), align=4)
+                columns[k] = builder.insert_element(columns[k], value, ir.Constant(I32, lane))
+        return context.make_tuple(builder, result, columns)
+
+    return result(table, texels, offsets, types.int64), generate
+
+
 def _emit_third(builder: Any, sig: Any, pointer: Any, index: Any, k: Any) -> Any:
     vector = sig.return_type
     triples = ir.VectorType(vector.llvm.element, 3 * LANES)

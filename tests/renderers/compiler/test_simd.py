@@ -256,16 +256,21 @@ def _lookups(values, whole, offsets, lanes, out, number):
     vec.store(n, 16, vec.gather(i32_at(whole), at))
     vec.store(n, 32, vec.permute(integers, lane))
     vec.store(o, 0, vec.permute(floats, lane))
+    for k, part in enumerate(vec.decode_pairs(f32_at(values), i32_at(whole), i32_at(offsets), 0)):
+        vec.store(o, 16 + 8 * k, part)
 
 
 def test_permutations_and_gathers() -> None:
     rng = np.random.default_rng(2)
-    values = rng.normal(size=40).astype(np.float32)
+    values = rng.normal(size=256).astype(np.float32)
     whole = rng.integers(0, 1 << 30, 40).astype(np.int32)
     offsets, lanes = rng.permutation(30)[:8].astype(np.int32), rng.integers(0, 8, 8).astype(np.int32)
-    out, number = np.zeros(16, np.float32), np.zeros(40, np.int32)
+    out, number = np.zeros(64, np.float32), np.zeros(40, np.int32)
     _lookups(*(a.ctypes.data for a in (values, whole, offsets, lanes, out, number)))
-    np.testing.assert_array_equal(number[:16].reshape(2, 8), whole[offsets + np.array((0, 1))[:, None]])
+    pairs = whole[offsets + np.array((0, 1))[:, None]]
+    np.testing.assert_array_equal(number[:16].reshape(2, 8), pairs)
+    colors = pairs[:, None] >> np.array((0, 8, 16))[None, :, None] & 255
+    np.testing.assert_array_equal(out[16:].reshape(2, 3, 8), values[colors])
     np.testing.assert_array_equal(number[16:24], whole[offsets])
     np.testing.assert_array_equal(number[32:40], whole[lanes])
     np.testing.assert_array_equal(out[:8], values[lanes])
