@@ -31,6 +31,7 @@ class Output(Flag):
     INSTANCE = auto()
     NORMAL = auto()
     LAMP_SHARE = auto()
+    KEY_FACTOR = auto()
 
 
 @dataclass(frozen=True, slots=True)
@@ -84,6 +85,9 @@ class Frame:
     lamp_share: NDArray[np.float32] | None = None
     """(H, W + 8) float32, cosine of the lamp of ``Look.camera_light`` divided by all its light, of opaque surfaces; 1
     on unlit ones and in other looks, about 0 on the background. Needs a colour image with one sample per pixel."""
+    key_factor: NDArray[np.float32] | None = None
+    """(H, W + 8) float32, factor of at most 4 by which ``CameraLight.key`` brightens opaque surfaces; 1 on points, on
+    lines and on the background. Needs a colour image with one sample per pixel."""
 
 
 class Renderer(Protocol):

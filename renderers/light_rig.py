@@ -6,6 +6,10 @@ import math
 from dataclasses import dataclass, field, replace
 from typing import Final, Literal
 
+import numpy as np
+from numpy.typing import NDArray
+
+from renderers.camera import Camera
 from renderers.drawlist import Light, LightKind
 
 MAX_LIGHTS: Final = 64
@@ -127,6 +131,20 @@ class LightChange:
         return across * math.cos(azimuth), across * math.sin(azimuth), -math.sin(elevation)
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class KeyLight:
+    """A distant light with a shadow map."""
+
+    level: float
+    """Light on a surface that faces it, in the unit of ``CameraLight``."""
+    camera: Camera
+    """Camera of the shadow map; it looks along the light."""
+    depth: NDArray[np.float32]
+    """(S, S) float32, shadow map: depth seen by ``camera``, metres, +inf: nothing."""
+    normal_offset: float
+    """Offset of points along their normal, against self-shadowing, metres per metre of distance from ``camera``."""
+
+
 @dataclass(frozen=True, slots=True)
 class CameraLight:
     """Light of a camera's images, in place of the headlight along the optical axis. Its parts add up.
@@ -144,6 +162,8 @@ class CameraLight:
     """Light from below on a surface that faces down."""
     lights: tuple[Light, ...] = ()
     """Further lights, without shadows. An illuminance of 1 lux is the light 1."""
+    key: KeyLight | None = None
+    """Key light, which is not in the colour image but in ``Frame.key_factor``: it may be brighter than white."""
 
 
 def _normalized(x: float, y: float, z: float) -> Vector3:

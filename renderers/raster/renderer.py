@@ -141,6 +141,8 @@ class CpuRenderer:
         if Output.LAMP_SHARE in outputs:
             fill = np.zeros if look.name == "gltf" else np.ones  # only this look writes it
             frame.lamp_share = fill((camera.height, camera.width + LANES), np.float32)
+        if Output.KEY_FACTOR in outputs:
+            frame.key_factor = np.ones((camera.height, camera.width + LANES), np.float32)
         self._draw(_Call(scene, prepared, camera, look, frame, addresses))
         if frame.depth is not None and camera.depth_origin != 0.0:
             np.subtract(frame.depth, np.float32(camera.depth_origin), out=frame.depth)
@@ -289,7 +291,7 @@ class CpuRenderer:
         elif look.samples != 1:
             paint_each_sample(self, scene, shading, camera, look, color)
         else:
-            paint(rasterizer, scene, shading, camera, look, color, call.frame.lamp_share)
+            paint(rasterizer, scene, shading, camera, look, color, call.frame)
 
     def _draw_at_once(self, call: _Call, select: NDArray[np.bool_] | None = None) -> None:
         """Fill all outputs with instances that are opaque in them.
@@ -326,7 +328,7 @@ class CpuRenderer:
             X_camera_mesh=job.poses_address,
             stride=job.stride,
             color=call.addresses[0],
-            lamp_share=None if is_sampled else call.frame.lamp_share,
+            frame=Frame() if is_sampled else call.frame,
         )
         if is_sampled:
             bands = allocate_sample_bands(threads, camera, look.samples, job.stride)

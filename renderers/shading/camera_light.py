@@ -6,18 +6,18 @@ that no surface is black because it faces away from one of them.
 
 from __future__ import annotations
 
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 
 from renderers.camera import Camera
 from renderers.compiler import simd as vec
 from renderers.compiler.device_function import device_function, inlined
-from renderers.compiler.kernel_types import F32, F64, I64, Pointer
-from renderers.compiler.pointers import address, address_of
+from renderers.compiler.kernel_types import F32, F64, I32, I64, Pointer
+from renderers.compiler.pointers import address, address_of, advance, i32_at, stack_array
 from renderers.compiler.simd import F32x8, F32x8x3
 from renderers.compiler.structs import Struct, inline
-from renderers.light_rig import CameraLight
+from renderers.light_rig import CameraLight, KeyLight
 from renderers.shading.brdf import vtk_specular
 from renderers.shading.layout import STRIDE, Segment
 from renderers.shading.material import unoccluded_share
@@ -31,8 +31,13 @@ REFERENCE_DISTANCE: Final = 1.5
 MAX_FALLOFF: Final = 4.0
 """Maximum factor by which surfaces nearer to a lamp or projector are brighter: that at half ``REFERENCE_DISTANCE``."""
 
+MAX_KEY_FACTOR: Final = 4.0
+"""Maximum of ``Frame.key_factor``."""
 MIN_AMBIENT: Final = 0.01
 """Minimum light of sky and ground: added light could not be seen on black pixels."""
+
+
+_offsets = stack_array(I32, 2 * vec.LANES)
 
 
 class CameraLightInputs(Struct):
@@ -43,6 +48,14 @@ class CameraLightInputs(Struct):
     ground: F64  # light on a surface that faces down
     lights: StudioLight  # further lights; their shadow maps are not used
     light_count: I64
+    # Key light; without one, the other fields are not set.
+    key: F32  # light on a surface that faces it
+    shadow_depth: Pointer[F32]  # as in KeyLight, (shadow_side, shadow_side)
+    shadow_side: I64
+    shadow_focal: F32  # focal length and principal point of the shadow map, texels
+    shadow_center: F32
+    normal_offset: F32  # as in KeyLight
+    X_light_camera: Pointer[F32] = inline(12)  # (3, 4), from the optical frame to that of the key light's camera
 
 
 class CameraLightJob:
@@ -62,10 +75,23 @@ class CameraLightJob:
             ground=light.ground,
             lights=address_of(lights, StudioLight.dtype),
             light_count=len(light.lights),
+            **(_key_fields(light.key, camera) if light.key is not None else {}),
         )
         self.address = address_of(job, CameraLightInputs.dtype)
         """Valid while this object is alive."""
-        self._keep = (job, lights)
+        self._keep = (job, lights, light.key)
+
+
+def _key_fields(key: KeyLight, camera: Camera) -> dict[str, Any]:
+    return {
+        "key": key.level,
+        "shadow_depth": address_of(key.depth, np.float32),
+        "shadow_side": len(key.depth),
+        "shadow_focal": key.camera.fx,
+        "shadow_center": key.camera.cx,
+        "normal_offset": key.normal_offset,
+        "X_light_camera": (key.camera.X_camera_world @ camera.X_world_camera)[:3].ravel(),
+    }
 
 
 @inlined
@@ -112,41 +138,117 @@ def total_light(light: CameraLightInputs, normal: F32x8x3, point: F32x8x3) -> F3
     return lamp + ambient_light(light, normal) + (red + green + blue) * vec.f32(1.0 / 3.0)
 
 
+@inlined
+def _lit_share(shadow_depth: Pointer[F32], side: I64, u: F32x8, v: F32x8, z: F32x8) -> F32x8:
+    """Return the share of a light that reaches points, from four texels with bilinear weights; 1 outside of the map.
+
+    Args:
+        shadow_depth: (side, side), metres, +inf: nothing.
+        u, v: positions in the map, texels.
+        z: depths of the points, metres.
+    """
+    zero, one, last = vec.f32(0.0), vec.f32(1.0), vec.f32(side - 1)
+    u, v = u - vec.f32(0.5), v - vec.f32(0.5)
+    is_inside = (zero < u) & (u < last) & (zero < v) & (v < last)
+    u, v = vec.select(is_inside, u, zero), vec.select(is_inside, v, zero)
+    i, j = vec.to_i32(u), vec.to_i32(v)
+    fu, fv = u - vec.to_f32(i), v - vec.to_f32(j)
+    texels, offsets = i32_at(address(shadow_depth)), _offsets()
+    vec.store(offsets, 0, j * vec.i32(side) + i)
+    vec.store(offsets, vec.LANES, (j + vec.i32(1)) * vec.i32(side) + i)
+    left, right = vec.load_pairs(texels, offsets, 0)
+    lower_left, lower_right = vec.load_pairs(texels, offsets, vec.LANES)
+    depth = vec.float_bits(vec.maximum(z, zero))  # positive numbers are in the order of their bits
+    upper = vec.select(left >= depth, one - fu, zero) + vec.select(right >= depth, fu, zero)
+    lower = vec.select(lower_left >= depth, one - fu, zero) + vec.select(lower_right >= depth, fu, zero)
+    return vec.select(is_inside, upper + fv * (lower - upper), one)
+
+
+@inlined
+def _coordinate(row: Pointer[F32], point: F32x8x3) -> F32x8:
+    """Return one coordinate of points, transformed by a row of a (3, 4) matrix."""
+    return vec.f32(row[0]) * point[0] + vec.f32(row[1]) * point[1] + vec.f32(row[2]) * point[2] + vec.f32(row[3])
+
+
+@inlined
+def _key_factor(light: CameraLightInputs, normal: F32x8x3, point: F32x8x3, other_light: F32x8) -> F32x8:
+    """Return ``Frame.key_factor``.
+
+    With n the surface's normal, l the direction to the key light, and s the share of it that reaches the surface, the
+    key light adds ``key s max(n . l, 0)`` to the other light.
+    """
+    zero, one, center = vec.f32(0.0), vec.f32(1.0), vec.f32(light.shadow_center)
+    x_row, y_row, z_row = light.X_light_camera, advance(light.X_light_camera, 4), advance(light.X_light_camera, 8)
+    # The light looks along its z axis, in one direction for all points: it is far away.
+    n_l = zero - dot(normal, broadcast3(z_row, 0))
+    if vec.movemask(n_l > zero) == 0:
+        return one
+    offset = vec.f32(light.normal_offset) * _coordinate(z_row, point)
+    point = point[0] + offset * normal[0], point[1] + offset * normal[1], point[2] + offset * normal[2]
+    light_z = _coordinate(z_row, point)
+    scale = vec.f32(light.shadow_focal) / light_z
+    # A texel has one depth, but the depths of a slanted surface differ within it.
+    bias = vec.f32(0.5) * offset / vec.maximum(n_l, vec.f32(0.2))
+    u, v = _coordinate(x_row, point) * scale + center, _coordinate(y_row, point) * scale + center
+    share = _lit_share(light.shadow_depth, light.shadow_side, u, v, light_z - bias)
+    added = vec.f32(light.key) * share * vec.maximum(n_l, zero) / other_light
+    return vec.minimum(one + added, vec.f32(MAX_KEY_FACTOR))
+
+
 @device_function
-def light_pixels(light: CameraLightInputs, segment: Segment, count: I64, lamp_share: Pointer[F32]) -> None:
+def write_key_factors(light: CameraLightInputs, segment: Segment, count: I64, key_factor: Pointer[F32]) -> None:
+    """Write ``Frame.key_factor`` of the segment's first ``count`` pixels, which ``light_pixels`` does not light."""
+    pixels = segment.pixels
+    for x in range(0, count, vec.LANES):
+        normal, point = load3(pixels.normal, x, STRIDE), load3(pixels.point, x, STRIDE)
+        normal = times(normal, scale_to(normal, vec.f32(1.0)))
+        factor = _key_factor(light, normal, point, total_light(light, normal, point))
+        vec.store_where(key_factor, x, vec.iota() < vec.i32(count - x), factor)
+
+
+@device_function
+def light_pixels(
+    light: CameraLightInputs, segment: Segment, count: I64, lamp_share: Pointer[F32], key_factor: Pointer[F32]
+) -> None:
     """Write the light on the segment's first ``count`` pixels, after ``sample_maps`` and ``apply_normal_map``.
 
     Rows ``normal`` become those that ``vtk_reflected`` reads for the lamp: its light times n . l, its light times the
     specular term, and Schlick's factor, which is 0. The first three rows ``texel`` become all other light, RGB.
 
     Args:
-        lamp_share: pointer to the pixels' values of ``Frame.lamp_share``; null: not wanted.
+        lamp_share, key_factor: pointers to the pixels' values in these images of Frame; null: not wanted.
     """
-    material, pixels = segment.material, segment.pixels
-    one = vec.f32(1.0)
+    material, pixels, has_lamp = segment.material, segment.pixels, light.lamp > 0.0
+    zero, one = vec.f32(0.0), vec.f32(1.0)
     for x in range(0, count, vec.LANES):
         normal, point = load3(pixels.normal, x, STRIDE), load3(pixels.point, x, STRIDE)
-        normal, to_camera = times(normal, scale_to(normal, one)), times(point, -scale_to(point, one))
-        to_lamp, lamp = _lamp(light, point)
-        v_l = dot(to_camera, to_lamp)
+        normal = times(normal, scale_to(normal, one))
         roughness, metallic = vec.f32(material.roughness), vec.f32(material.metallic)
         if material.metallic_roughness_texture >= 0:
             roughness = roughness * vec.load(pixels.metallic_roughness, STRIDE + x)
             metallic = metallic * vec.load(pixels.metallic_roughness, 2 * STRIDE + x)
-        cosine = dot(normal, to_lamp)
-        n_l, specular = vtk_specular(cosine, dot(normal, to_camera), v_l, roughness)
+        lamp, cosine, n_l, specular = zero, zero, zero, zero
+        if has_lamp or address(lamp_share) != 0:
+            to_lamp, lamp = _lamp(light, point)
+            cosine = dot(normal, to_lamp)
+            if has_lamp:
+                to_camera = times(point, -scale_to(point, one))
+                n_l, specular = vtk_specular(cosine, dot(normal, to_camera), dot(to_camera, to_lamp), roughness)
+            cosine = vec.maximum(cosine, zero)
         ambient = ambient_light(light, normal) * unoccluded_share(material, pixels, x)
         red, green, blue = diffuse_light(light, normal, point)
+        total = lamp * cosine + ambient + (red + green + blue) * vec.f32(1.0 / 3.0)
+        if address(key_factor) != 0:
+            is_pixel = vec.iota() < vec.i32(count - x)
+            vec.store_where(key_factor, x, is_pixel, _key_factor(light, normal, point, total))
         if address(lamp_share) != 0:
-            cosine = vec.maximum(cosine, vec.f32(0.0))
-            total = lamp * cosine + ambient + (red + green + blue) * vec.f32(1.0 / 3.0)
             # Smooth metals reflect dots away from the camera. Limited, and not NaN: the last store overruns into what
             # may be the background.
             width = roughness * roughness
             scattered = one - metallic * (one - width * width)
-            share = vec.maximum(scattered * cosine / total, vec.f32(0.0))
+            share = vec.maximum(scattered * cosine / total, zero)
             share = vec.minimum(share, vec.f32(1.0 / MIN_AMBIENT))
             vec.store(lamp_share, x, share)
         # Schlick's (1 - h . l)^5 is below 1e-8 for a lamp that is 8 cm beside the camera and 0.3 m from the surface.
-        store3(pixels.normal, x, STRIDE, (n_l * lamp, specular * lamp, vec.f32(0.0)))
+        store3(pixels.normal, x, STRIDE, (n_l * lamp, specular * lamp, zero))
         store3(pixels.texel, x, STRIDE, (red + ambient, green + ambient, blue + ambient))

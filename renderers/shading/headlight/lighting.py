@@ -14,11 +14,20 @@ from renderers.compiler.kernel_types import F32, I32, I64, Pointer, i64
 from renderers.compiler.pointers import address, advance, f32_at, stack_array
 from renderers.compiler.simd import F32x8, F32x8x3
 from renderers.shading.brdf import headlight_cosines, schlick, vtk_colors, vtk_reflected, vtk_specular
-from renderers.shading.camera_light import light_pixels
+from renderers.shading.camera_light import light_pixels, write_key_factors
 from renderers.shading.headlight.layout import DIRECT, GATHER, HeadlightInputs
 from renderers.shading.headlight.output_merge import packed, write_pixels
 from renderers.shading.interpolation import pixel_columns
-from renderers.shading.layout import LAMBERT, SPAN_STRIDE, STRIDE, UNLIT, Segment, ShadedPixels, ShadingMaterial
+from renderers.shading.layout import (
+    LAMBERT,
+    METALLIC_ROUGHNESS,
+    SPAN_STRIDE,
+    STRIDE,
+    UNLIT,
+    Segment,
+    ShadedPixels,
+    ShadingMaterial,
+)
 from renderers.shading.material import (
     apply_normal_map,
     fill_base_color,
@@ -26,6 +35,7 @@ from renderers.shading.material import (
     sample_maps,
     unoccluded_share,
 )
+from renderers.shading.span_weights import TRIANGLES
 from renderers.shading.vec3 import broadcast3, load3, multiply3, scale_to, store3, times
 
 _colors = stack_array(I32, vec.LANES)
@@ -68,11 +78,11 @@ def _store_pixels(
 
 
 @inlined
-def _lamp_share_of_row(job: HeadlightInputs, segment: Segment, begin: I64) -> Pointer[F32]:
-    """Return a pointer to the lamp's share of the row's pixel ``begin``; null if it is not wanted."""
-    if address(job.lamp_share) == 0 or job.mode == GATHER:
+def _row_of(job: HeadlightInputs, image: Pointer[F32], segment: Segment, begin: I64) -> Pointer[F32]:
+    """Return a pointer to the row's pixel ``begin`` of ``lamp_share`` or ``key_factor``; null if it is not wanted."""
+    if address(image) == 0 or job.mode == GATHER:
         return f32_at(0)
-    return advance(job.lamp_share, segment.y * (job.width + vec.LANES) + begin)
+    return advance(image, segment.y * (job.width + vec.LANES) + begin)
 
 
 @device_function
@@ -82,7 +92,7 @@ def _shade_unlit(
     """Show the base colour."""
     direct, material, pixels = job.mode == DIRECT, segment.material, segment.pixels
     gamma = material.gamma != 0
-    lamp_share = _lamp_share_of_row(job, segment, begin)
+    lamp_share = _row_of(job, job.lamp_share, segment, begin)
     for x in range(0, count, vec.LANES):
         _store_pixels(job, pixels, gamma, direct, packed_row, begin, x, _base_color(material, pixels, has_rows, x))
         if address(lamp_share) != 0:  # the segment before overran it
@@ -134,7 +144,9 @@ def _shade_pbr(
     Under a camera's light, occlusion reduces the light of sky and ground only (glTF 2.0, 3.9.3).
     """
     if job.has_camera_light != 0:
-        light_pixels(job.camera_light, segment, count, _lamp_share_of_row(job, segment, begin))
+        lamp_share = _row_of(job, job.lamp_share, segment, begin)
+        key_factor = _row_of(job, job.key_factor, segment, begin)
+        light_pixels(job.camera_light, segment, count, lamp_share, key_factor)
     else:
         _light_by_headlight(segment, begin, count)
     material, pixels, has_camera_light = segment.material, segment.pixels, job.has_camera_light != 0
@@ -172,8 +184,13 @@ def _shade_pbr(
 
 @inlined
 def is_uniform_lambert(job: HeadlightInputs, segment: Segment) -> bool:
-    """Return True if the colour of a segment depends on its normals only."""
-    return job.mode == DIRECT and segment.material.lighting == LAMBERT and not has_varying_color(segment)
+    """Return True if the colour of a segment depends on its normals only, and only colour is wanted."""
+    return (
+        job.mode == DIRECT
+        and address(job.key_factor) == 0
+        and segment.material.lighting == LAMBERT
+        and not has_varying_color(segment)
+    )
 
 
 @device_function
@@ -206,6 +223,10 @@ def shade(job: HeadlightInputs, segment: Segment, begin: I64, end: I64, packed_r
     has_rows = has_varying_color(segment) or job.mode != DIRECT
     if has_rows:
         fill_base_color(segment, count, job.mode != DIRECT)
+    key_factor = _row_of(job, job.key_factor, segment, begin)
+    is_lit_by_camera = material.lighting == METALLIC_ROUGHNESS and job.has_camera_light != 0
+    if address(key_factor) != 0 and segment.instance.topology == TRIANGLES and not is_lit_by_camera:
+        write_key_factors(job.camera_light, segment, count, key_factor)
     if material.lighting == UNLIT:
         _shade_unlit(job, segment, has_rows, begin, count, packed_row)
     elif material.lighting == LAMBERT:

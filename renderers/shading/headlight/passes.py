@@ -11,7 +11,7 @@ from renderers.camera import Camera
 from renderers.compiler.pointers import address_of
 from renderers.compiler.simd import LANES
 from renderers.drawlist import DrawList
-from renderers.interface import VTK_LOOKS, Look
+from renderers.interface import VTK_LOOKS, Frame, Look
 from renderers.shading.camera_light import CameraLightJob
 from renderers.shading.depth_peeling import for_bands, peeled, surfaces_in_drawing_order
 from renderers.shading.gamma import GAMMA_CELLS, GAMMA_FROM_LINEAR
@@ -22,6 +22,7 @@ from renderers.shading.scene import ShadingJob, ShadingScene
 if TYPE_CHECKING:  # the rasterizer imports this module
     from renderers.visibility_buffer import Rasterizer, Visibility
 
+_NO_IMAGES: Final = Frame()
 _GAMMA_TABLES: Final = address_of(GAMMA_CELLS, np.int32), address_of(GAMMA_FROM_LINEAR, np.float32)
 
 
@@ -32,7 +33,7 @@ def paint(
     camera: Camera,
     look: Look,
     color: NDArray[np.uint8],
-    lamp_share: NDArray[np.float32] | None = None,
+    frame: Frame = _NO_IMAGES,
 ) -> None:
     """Render the colour image.
 
@@ -44,12 +45,12 @@ def paint(
         rasterizer: renders visibility buffers, and runs bands in parallel.
         scene: the draw list that ``shading`` was prepared from, with ``look.name``.
         color: (H, W, 3) uint8, C-contiguous; every pixel is written.
-        lamp_share: as in HeadlightInputs, of the opaque surfaces.
+        frame: its ``lamp_share`` and ``key_factor`` are filled, of the opaque surfaces.
     """
     cull_back, transparent, blended = shading.cull_back, shading.transparent, shading.blended_in_place
     if not shading.has_transparency:
         visible = rasterizer.visibility(scene, camera, cull_back=cull_back)
-        _shade(rasterizer, shading, visible, camera, look, DIRECT, None, color, lamp_share)
+        _shade(rasterizer, shading, visible, camera, look, DIRECT, None, color, frame)
         return
     gathered = np.zeros((4, camera.height, camera.width + LANES), dtype=np.float32)
     gathered[3] = 1.0
@@ -69,7 +70,7 @@ def paint(
             has_layers = True
             _shade(rasterizer, shading, layer, camera, look, GATHER, gathered, None)
         behind = rasterizer.visibility(scene, camera, select=~(transparent | blended), cull_back=cull_back)
-    _shade(rasterizer, shading, behind, camera, look, UNDER if has_layers else DIRECT, gathered, color, lamp_share)
+    _shade(rasterizer, shading, behind, camera, look, UNDER if has_layers else DIRECT, gathered, color, frame)
 
 
 def solid_pixels(
@@ -99,18 +100,20 @@ class HeadlightJob:
         color: int,
         mode: int = DIRECT,
         gathered: int = 0,
-        lamp_share: NDArray[np.float32] | None = None,
+        frame: Frame = _NO_IMAGES,
     ) -> None:
         """
         Args:
             first_ids, X_camera_mesh: addresses of the arrays of these names in ``Visibility``.
             stride: number of values from one row of primitive ids to the next.
             color: address of the image, (H, W, 3) uint8.
-            mode, gathered, lamp_share: as in HeadlightInputs.
+            mode, gathered: as in HeadlightInputs.
+            frame: as in ``paint``.
         """
         if shading.look != look.name:
             raise ValueError(f"the scene was prepared for the look {shading.look!r}, not {look.name!r}")
         light = CameraLightJob(look.camera_light, camera) if look.camera_light is not None else None
+        has_key = look.camera_light is not None and look.camera_light.key is not None
         shading_job = ShadingJob(
             shading, camera, first_ids, X_camera_mesh, area_filter=look.area_filter, has_points=light is not None
         )
@@ -128,7 +131,8 @@ class HeadlightJob:
             gamma_cells=_GAMMA_TABLES[0],
             gamma_from_linear=_GAMMA_TABLES[1],
             has_camera_light=light is not None,
-            lamp_share=address_of(lamp_share, np.float32),
+            lamp_share=address_of(frame.lamp_share, np.float32),
+            key_factor=address_of(frame.key_factor, np.float32) if has_key else 0,
             camera_light=light.address if light is not None else 0,
         )
         self.address = address_of(job, HeadlightInputs.dtype)
@@ -145,7 +149,7 @@ def _shade(
     mode: int,
     gathered: NDArray[np.float32] | None,
     color: NDArray[np.uint8] | None,
-    lamp_share: NDArray[np.float32] | None = None,
+    frame: Frame = _NO_IMAGES,
 ) -> None:
     """Shade all bands of a layer."""
     job = HeadlightJob(
@@ -158,7 +162,7 @@ def _shade(
         color=address_of(color, np.uint8),
         mode=mode,
         gathered=address_of(gathered, np.float32),
-        lamp_share=lamp_share,
+        frame=frame,
     )
 
     def shade(begin: int, end: int) -> None:

@@ -17,7 +17,6 @@ from numpy.typing import NDArray
 from renderers.cache import Cache
 from renderers.compiler.kernel_types import u64
 from renderers.stereo.light.projector import FULL_LIGHT
-from renderers.stereo.light.scene_light import FACTOR_ONE
 from renderers.stereo.model import Intrinsics
 from renderers.stereo.sensor.exposure import LIGHT_OF_LEVEL, LIGHT_WHITE, LUMA, RESPONSE_STEPS, Exposure
 from renderers.stereo.sensor.light_kernels import light_rows
@@ -49,7 +48,7 @@ GAIN_UNIT: Final = 1.0 / 4096.0
 
 _NO_DOTS: Final = np.zeros((1, 1), np.uint16)
 """Kernel argument for ``SceneLight.dots`` of None."""
-_NO_FACTORS: Final = np.full((1, 1), FACTOR_ONE, np.uint8)
+_NO_FACTORS: Final = np.ones((1, 1), np.float32)
 """Kernel argument for ``SceneLight.factors`` of None."""
 _GROUP_MEANS: Final = NORMAL_TABLE.reshape(128, -1).mean(axis=1)
 """(128,) float32, means of groups of neighbouring quantiles."""
@@ -76,12 +75,8 @@ class SceneLight:
     """(H, W) uint16 light of the projector (``projector.projected_dots``); None: the projector is off."""
     dot_light: float = 0.0
     """Light that a full dot adds, relative to the rendered light."""
-    factors: NDArray[np.uint8] | None = None
-    """(ceil(H / 2), ceil(W / 2)) uint8 factors of the rendered light at half the resolution, units of
-    1/``FACTOR_ONE`` (``key_light.light_factors``); None: 1."""
-    background: tuple[int, int, int] = (0, 0, 0)
-    """RGB of the rendered background. Factors do not apply to it: interpolated ones would brighten it beside
-    surfaces."""
+    factors: NDArray[np.float32] | None = None
+    """(H, W or more) float32 factors of the rendered light, such as ``Frame.key_factor``; None: 1."""
 
 
 def light_on_sensor(
@@ -117,8 +112,8 @@ def light_on_sensor(
     light = np.empty((height, width, len(weights)), np.uint16)
     inv_focal = 1.0 / k.focal_length if lens.vignetting else 0.0
     light_rows(
-        rendered, dots, scene_light.dot_light / FULL_LIGHT, factors, np.array(scene_light.background, np.uint8),
-        light_of_level, neighbour_weight, k.cx, k.cy, inv_focal, light,
+        rendered, dots, scene_light.dot_light / FULL_LIGHT, factors, light_of_level,
+        neighbour_weight, k.cx, k.cy, inv_focal, light,
     )  # fmt: skip
     return light
 

@@ -2,17 +2,12 @@
 
 from __future__ import annotations
 
-from typing import Final
-
 import numpy as np
 
 from renderers.compiler.device_function import inlined
 from renderers.compiler.jit import kernel
 from renderers.compiler.kernel_types import F32, F64, I64, Array1, Array2, Array3, f32, i32, u16
 from renderers.stereo.sensor.exposure import LIGHT_WHITE
-
-_FACTOR_SCALE: Final = np.float32(1.0 / 65536.0)
-"""1 / (32 for the weights of rows, 32 for those of columns, 64 for the factor 1)."""
 
 
 @inlined
@@ -30,47 +25,6 @@ def _mix_channels(rendered: Array2[np.uint8], light_of_level: Array2[np.float32]
 
 
 @inlined
-def _interpolate_factors(
-    factors: Array2[np.uint8],
-    row: I64,
-    rendered: Array2[np.uint8],
-    background: Array1[np.uint8],
-    coarse: Array1[np.float32],
-    fine: Array1[np.float32],
-) -> None:
-    """Write the factors of a row's pixels, 1 where they show the background.
-
-    Quadratic B-splines; linear interpolation would show the coarse pixels at edges. A row's centre lies a quarter of a
-    coarse row beside that of its coarse row: weights of 22, 9 and 1, in 1/32. The same holds for columns.
-
-    Args:
-        rendered: (W, 3) RGB, the row.
-        coarse: (ceil(W / 2) + 2,) float32, scratch.
-        fine: (W,), output.
-    """
-    last, width = factors.shape[0] - 1, factors.shape[1]
-    near_row, step = min(row >> 1, last), (row & 1) * 2 - 1
-    near, far, opposite = (
-        factors[near_row],
-        factors[min(max(near_row + step, 0), last)],
-        factors[min(max(near_row - step, 0), last)],
-    )
-    for column in range(width):
-        value = i32(22) * near[column] + i32(9) * far[column] + i32(opposite[column])
-        coarse[column + 1] = f32(value) * _FACTOR_SCALE
-    coarse[0], coarse[width + 1] = coarse[1], coarse[width]
-    for column in range(len(fine)):
-        k, step = (column >> 1) + 1, (column & 1) * 2 - 1
-        factor = f32(22.0) * coarse[k] + f32(9.0) * coarse[k + step] + coarse[k - step]
-        is_background = (
-            (rendered[column, 0] == background[0])
-            & (rendered[column, 1] == background[1])
-            & (rendered[column, 2] == background[2])
-        )
-        fine[column] = f32(1.0) if is_background else factor
-
-
-@inlined
 def _light_scene(
     scene: Array1[np.float32],
     factors: Array1[np.float32],
@@ -79,12 +33,18 @@ def _light_scene(
     has_dots: bool,
     has_factors: bool,
 ) -> None:
-    """Multiply a row's light by the factors, and by what the projector adds."""
+    """Multiply a row's light by the factors, and by what the projector adds.
+
+    Args:
+        scene: (W + 2,), light between its ends.
+        factors: (W or more,), 1 if there are none.
+    """
+    width = len(scene) - 2
     if has_dots:
-        for column in range(len(factors)):
+        for column in range(width):
             scene[column + 1] *= factors[column] + dot_unit * f32(dots[column])
     elif has_factors:
-        for column in range(len(factors)):
+        for column in range(width):
             scene[column + 1] *= factors[column]
 
 
@@ -140,8 +100,7 @@ def light_rows(
     rendered: Array3[np.uint8],
     dots: Array2[np.uint16],
     dot_unit: F64,
-    factors: Array2[np.uint8],
-    background: Array1[np.uint8],
+    factors: Array2[np.float32],
     light_of_level: Array3[np.float32],
     neighbour_weight: F64,
     cx: F64,
@@ -155,8 +114,7 @@ def light_rows(
         rendered: (H, W, 3) RGB.
         dots: (H, W), the projector's light; (1, 1): the projector is off.
         dot_unit: light that 1 in ``dots`` adds, relative to the rendered light.
-        factors: (ceil(H / 2), ceil(W / 2)) uint8, factors of the rendered light, units of 1/64; (1, 1): 1.
-        background: (3,) RGB of pixels to which no factor applies.
+        factors: (H, W or more), factors of the rendered light; one row: 1.
         light_of_level: (C, 3, 256), light that each level of red, green and blue adds to each channel.
         neighbour_weight: weight of each of both neighbours in the filter of three taps along rows and along columns.
         cx: principal point, pixels from the left edge.
@@ -168,9 +126,8 @@ def light_rows(
     outer = f32(neighbour_weight)
     center = f32(1.0) - outer - outer
     has_dots, has_factors = dots.shape[0] == height and height > 1, factors.shape[0] > 1
-    # Light of one row with its ends repeated, its factors, and the last three rows, blurred along x.
-    scene, scene_factors = np.empty(width + 2, np.float32), np.ones(width, np.float32)
-    coarse_factors = np.empty(factors.shape[1] + 2, np.float32)
+    # Light of one row with its ends repeated, and the last three rows, blurred along x.
+    scene, no_factors = np.empty(width + 2, np.float32), np.ones(width, np.float32)
     blurred = np.empty((3, width), np.float32)
     falloff, x_squared = np.empty(width, np.float32), np.empty(width, np.float32)
     for column in range(width):
@@ -180,12 +137,9 @@ def light_rows(
         for source_row in range(height + 1):
             if source_row < height:
                 _mix_channels(rendered[source_row], light_of_level[channel], scene)
-                if has_factors:
-                    _interpolate_factors(
-                        factors, source_row, rendered[source_row], background, coarse_factors, scene_factors
-                    )
                 row_dots = dots[source_row if has_dots else 0]
-                _light_scene(scene, scene_factors, row_dots, f32(dot_unit), has_dots, has_factors)
+                row_factors = factors[source_row] if has_factors else no_factors
+                _light_scene(scene, row_factors, row_dots, f32(dot_unit), has_dots, has_factors)
                 _blur_along_row(scene, center, outer, blurred[source_row % 3])
             row = source_row - 1
             if row < 0:

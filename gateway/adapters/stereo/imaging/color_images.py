@@ -7,7 +7,6 @@ from functools import partial
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from gateway.adapters.stereo.device.camera_config import METERING_DIVISOR
 from gateway.adapters.stereo.device.stream_settings import StreamSettings
@@ -15,7 +14,8 @@ from gateway.adapters.stereo.imaging.rendered_images import ColorImage, Imaging
 from gateway.adapters.stereo.imaging.scene_motion import motion_since
 from gateway.adapters.stereo.imaging.scene_view import Capture
 from renderers.camera import Camera
-from renderers.interface import Output
+from renderers.interface import Frame, Output
+from renderers.light_rig import KeyLight
 from renderers.stereo.lens.color_camera import ColorCamera
 from renderers.stereo.sensor.camera_image import (
     NoiseStream,
@@ -48,10 +48,12 @@ def expose_color_camera(
     """
     config, manual, auto_limits = imaging.config, settings.manual_exposure, settings.auto_exposure
     camera_at = partial(color_camera.camera, capture.X_world_left, near=config.near, far=config.far)
-    rendered = _rendered_image(imaging, color_camera, camera_at(), capture)
-    scene_light = imaging.scene_light(capture, half=partial(camera_at, divisor=2), dots=None)
+    key_light = imaging.key_light(capture, camera_at(divisor=METERING_DIVISOR))
+    frame = _rendered_frame(imaging, color_camera, camera_at(), capture, key_light)
+    assert frame.color is not None
+    scene_light = imaging.scene_light(frame, dots=None)
     # This applies only the white balance of the exposure, which is the manual one also with automatic exposure.
-    light_root = light_on_sensor(rendered, color_camera.intrinsics, manual, scene_light, imaging.lens, color=True)
+    light_root = light_on_sensor(frame.color, color_camera.intrinsics, manual, scene_light, imaging.lens, color=True)
     exposure = manual
     if auto_limits is not None:
         metered = relative_light(light_root[_METERED_PIXELS]) @ LUMA.astype(np.float32)
@@ -61,23 +63,26 @@ def expose_color_camera(
     return ColorImage(image_from_light(light_root, exposure, key, noise_factor=noise_factor), exposure)
 
 
-def _rendered_image(imaging: Imaging, color_camera: ColorCamera, camera: Camera, capture: Capture) -> NDArray[np.uint8]:
-    """Return the rendered image, (H, W, 3) uint8. With a rolling shutter, strips are rendered at their own times."""
-    motion, look = None, imaging.lit(imaging.look, capture)
+def _rendered_frame(
+    imaging: Imaging, color_camera: ColorCamera, camera: Camera, capture: Capture, key: KeyLight | None
+) -> Frame:
+    """Return the rendered image. With a rolling shutter, strips are rendered at their own times."""
+    motion, look = None, imaging.lit(imaging.look, capture, key)
+    outputs = Output.COLOR | Output.KEY_FACTOR if key is not None else Output.COLOR
     earlier = capture.earlier
     if color_camera.readout > 0.0 and earlier is not None:
         X_world_before = earlier.X_world_left @ color_camera.X_left_color
         motion = motion_since(earlier, capture.timestamp, capture.scene, X_world_before, camera.X_world_camera)
-    image = np.empty((camera.height, camera.width, 3), np.uint8)
-    edges = np.linspace(0, camera.height, (_STRIPS if motion is not None else 1) + 1).astype(int)
+    if motion is None:
+        return imaging.renderer.render(capture.scene, camera, outputs, look)
+    strips: list[Frame] = []
+    edges = np.linspace(0, camera.height, _STRIPS + 1).astype(int)
     for top, bottom in zip(edges[:-1].tolist(), edges[1:].tolist(), strict=True):
-        scene, pose = capture.scene, camera.X_world_camera
-        if motion is not None:
-            # In intervals of frames: 0 is this frame, -1 the one before. The lower half is later than the frame.
-            frame_time = ((top + bottom) / 2 / camera.height - 0.5) * (color_camera.readout / motion.seconds)
-            scene, pose = motion.scene_at(frame_time), motion.camera_at(frame_time)
+        # In intervals of frames: 0 is this frame, -1 the one before. The lower half is later than the frame.
+        time = ((top + bottom) / 2 / camera.height - 0.5) * (color_camera.readout / motion.seconds)
+        pose = motion.camera_at(time)
         strip = replace(camera, height=bottom - top, cy=camera.cy - top, X_world_camera=pose)
-        frame = imaging.renderer.render(scene, strip, Output.COLOR, look)
-        assert frame.color is not None
-        image[top:bottom] = frame.color
-    return image
+        strips.append(imaging.renderer.render(motion.scene_at(time), strip, outputs, look))
+    factors = [strip.key_factor for strip in strips if strip.key_factor is not None]
+    colors = [strip.color for strip in strips if strip.color is not None]
+    return Frame(np.concatenate(colors), key_factor=np.concatenate(factors) if factors else None)

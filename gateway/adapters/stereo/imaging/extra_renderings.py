@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import replace
 from functools import partial
-from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,41 +14,29 @@ from gateway.adapters.stereo.imaging.scene_view import Capture
 from renderers.camera import Camera
 from renderers.drawlist import DrawList
 from renderers.interface import Frame, Look, Output, Renderer
+from renderers.light_rig import KeyLight
 from renderers.stereo.lens.motion_blur import write_mean_light
 from renderers.stereo.light.posed_projector import Surfaces, add_dots
 from renderers.stereo.light.projector import projected_dots, returned_shares
-from renderers.stereo.light.scene_light import light_factors, scene_light, shadow_camera
-
-_GEOMETRY: Final = Output.DEPTH | Output.NORMAL
-"""Outputs from which the factors of the key light follow."""
+from renderers.stereo.light.scene_light import NORMAL_OFFSET, scene_light, shadow_camera
 
 
-def key_light_factors(
-    renderer: Renderer, look: Look, level: float, scene: DrawList, half_size_camera: Camera
-) -> NDArray[np.uint8] | None:
-    """Return the factor by which the key light with its shadows brightens the image; None: all are 1.
+def key_light(renderer: Renderer, look: Look, level: float, scene: DrawList, camera: Camera) -> KeyLight | None:
+    """Return the key light with its shadow map; None if nothing is visible.
 
     Args:
-        look: look of the image, with its other light.
+        look: look of the images.
         level: light of the key light on a surface that faces it.
-        half_size_camera: camera with half the resolution of an image.
-
-    Returns:
-        (h, w) uint8; see ``key_light.light_factors``.
+        camera: camera whose view the shadow map covers, with 1/``METERING_DIVISOR`` of the images' resolution.
     """
-    geometry = renderer.render(scene, half_size_camera, _GEOMETRY, look)
-    assert geometry.depth is not None
-    assert geometry.normal is not None
-    light_camera = shadow_camera(geometry.depth, half_size_camera)
+    view = renderer.render(scene, camera, Output.DEPTH, look)
+    assert view.depth is not None
+    light_camera = shadow_camera(view.depth, camera, METERING_DIVISOR)
     if light_camera is None:
         return None
     shadows = renderer.render(scene, light_camera, Output.DEPTH, look)
     assert shadows.depth is not None
-    assert look.camera_light is not None
-    other_light = scene_light(geometry.depth, geometry.normal, half_size_camera, look.camera_light)
-    return light_factors(
-        geometry.depth, geometry.normal, half_size_camera, shadows.depth, light_camera, other_light, level
-    )
+    return KeyLight(level, light_camera, shadows.depth, NORMAL_OFFSET / light_camera.fx)
 
 
 def blur_motion(

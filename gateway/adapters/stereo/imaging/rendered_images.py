@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, field, replace
-from functools import cached_property, partial
+from functools import cached_property
 from typing import Final
 
 import numpy as np
@@ -12,13 +11,14 @@ from numpy.typing import NDArray
 
 from gateway.adapters.stereo.device.camera_config import METERING_DIVISOR, StereoConfig
 from gateway.adapters.stereo.device.stream_settings import StreamSettings
-from gateway.adapters.stereo.imaging.extra_renderings import blur_motion, key_light_factors, light_of_projectors
+from gateway.adapters.stereo.imaging.extra_renderings import blur_motion, key_light, light_of_projectors
 from gateway.adapters.stereo.imaging.matched_depth import matched_depth
 from gateway.adapters.stereo.imaging.scene_motion import motion_since
 from gateway.adapters.stereo.imaging.scene_view import Capture
 from renderers.camera import Camera
 from renderers.drawlist import ImageError
 from renderers.interface import Frame, Look, Output, Renderer
+from renderers.light_rig import KeyLight
 from renderers.stereo.depth.depth_images import DepthImages, exact_images, true_disparity
 from renderers.stereo.depth.filters import apply_filters
 from renderers.stereo.depth.matching import ImagePair
@@ -57,6 +57,8 @@ class ImageRequest:
     """Images to make: ``COLOR``, ``GREY`` or both."""
     averaged_images: int = 1
     """Number of images to average, which reduces the noise."""
+    key_light: KeyLight | None = None
+    """``MeteredExposure.key_light``; None: it is made again."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -68,6 +70,8 @@ class MeteredExposure:
     """Mean of the exposed image, 0 to 1."""
     out1_reduction: float = 0.0
     """See ``choose_exposure``."""
+    key_light: KeyLight | None = None
+    """See ``Imaging.key_light``."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -109,13 +113,24 @@ class Imaging:
         """Look of ``render_lit``."""
         return replace(self.look, alpha_threshold=max(self.look.alpha_threshold, DOT_ALPHA))
 
-    def lit(self, look: Look, capture: Capture) -> Look:
+    def lit(self, look: Look, capture: Capture, key: KeyLight | None = None) -> Look:
         """Return a look with the light of a capture. The lamp is half-way between the cameras, as the projector is."""
         config = self.config
         lamp = capture.X_world_left[:3, 3] + config.model.baseline / 2 * capture.X_world_left[:3, 0]
         lights = (*capture.scene.lights, *config.lights)
         light = camera_light(config.light, lamp, lights, has_key_light="shadows" in config.realism)
-        return replace(look, camera_light=light)
+        return replace(look, camera_light=replace(light, key=key))
+
+    def key_light(self, capture: Capture, camera: Camera | None = None) -> KeyLight | None:
+        """Return the key light of a capture's images; None: they have none.
+
+        Args:
+            camera: as in ``extra_renderings.key_light``; None: the left one, for both cameras.
+        """
+        if "shadows" not in self.config.realism:
+            return None
+        camera = camera or self.camera(capture, 0.0, METERING_DIVISOR)
+        return key_light(self.renderer, self.look, self.config.light.key, capture.scene, camera)
 
     @cached_property
     def lens(self) -> Lens:
@@ -135,12 +150,14 @@ class Imaging:
         look = self.lit(self.look, capture)
         return self.renderer.render(capture.scene, self.camera(capture, offset, divisor), outputs, look)
 
-    def render_lit(self, capture: Capture, offset: float, divisor: int, outputs: Output) -> Frame:
+    def render_lit(
+        self, capture: Capture, offset: float, divisor: int, outputs: Output, key: KeyLight | None = None
+    ) -> Frame:
         """Render the surfaces that a matcher measures and that dots fall on; the arguments are those of ``render``.
 
         Depth and instances ignore surfaces that are mostly transparent.
         """
-        look = self.lit(self._solid_look, capture)
+        look = self.lit(self._solid_look, capture, key)
         return self.renderer.render(capture.scene, self.camera(capture, offset, divisor), outputs, look)
 
     def camera(self, capture: Capture, offset: float, divisor: int) -> Camera:
@@ -158,7 +175,8 @@ class Imaging:
         # Metering may need the light of the camera's own projector while it is off.
         lit_capture = replace(capture, gpio=capture.gpio | 1) if settings.meters_lit_images else capture
         try:
-            frame, dots = self._render_with_dots(lit_capture, 0.0, METERING_DIVISOR)
+            key = self.key_light(capture)
+            frame, dots = self._render_with_dots(lit_capture, 0.0, METERING_DIVISOR, key)
         except ImageError:
             return MeteredExposure(settings.manual_exposure, 0.0)
         rendered, manual = frame.color, settings.manual_exposure
@@ -175,8 +193,7 @@ class Imaging:
                 METERING_DIVISOR,
                 has_own=False,
             )
-        half = partial(self.camera, capture, 0.0, 2 * METERING_DIVISOR)
-        scene_light = self.scene_light(capture, half, other_dots)
+        scene_light = self.scene_light(frame, other_dots)
         k, lens = self.config.model.intrinsics(METERING_DIVISOR), Lens(vignetting=self.lens.vignetting)
 
         def light(scene_light: SceneLight) -> NDArray[np.float32]:
@@ -189,7 +206,7 @@ class Imaging:
             unlit, lit, out1_high=capture.out1_high, settings=settings, memory=self.exposure_memory
         )
         brightness = exposure.response((lit if capture.out1_high else unlit) * exposure.light).mean()
-        return MeteredExposure(exposure, float(brightness), out1_reduction)
+        return MeteredExposure(exposure, float(brightness), out1_reduction, key)
 
     def expose(self, capture: Capture, request: ImageRequest) -> dict[bool, SensorImage]:
         """Return the requested images of one camera at full resolution, by ``COLOR`` or ``GREY``."""
@@ -202,11 +219,12 @@ class Imaging:
         if "fixed-pattern" in config.realism and config.noise_factor > 0.0:
             pattern = fixed_pattern(config.seed, right=right, height=k.height, width=k.width)
         noise_factor = config.noise_factor / request.averaged_images**0.5
-        frame, dots = self._render_with_dots(capture, offset, 1)
+        key_light = request.key_light or self.key_light(capture)
+        frame, dots = self._render_with_dots(capture, offset, 1, key_light)
         assert frame.color is not None
         if "motion-blur" in config.realism:
             self._blur_motion(capture, offset, exposure.time, frame.color)
-        scene_light = self.scene_light(capture, partial(self.camera, capture, offset, 2), dots)
+        scene_light = self.scene_light(frame, dots)
         return {
             color: image_from_light(
                 light_on_sensor(frame.color, k, exposure, scene_light, self.lens, color=color),
@@ -239,20 +257,14 @@ class Imaging:
         assert right is not None
         return exact_depth(config.model, left, right, settings)
 
-    def scene_light(self, capture: Capture, half: Callable[[], Camera], dots: NDArray[np.uint16] | None) -> SceneLight:
+    def scene_light(self, frame: Frame, dots: NDArray[np.uint16] | None) -> SceneLight:
         """Return the light on the scene besides the rendered one.
 
         Args:
-            capture: scene and pose of the image.
-            half: returns the camera with half the resolution of the image.
+            frame: the rendered image.
             dots: (H, W) uint16, light of projectors; None: all are off.
         """
-        factors = None
-        if "shadows" in self.config.realism:
-            factors = key_light_factors(
-                self.renderer, self.lit(self.look, capture), self.config.light.key, capture.scene, half()
-            )
-        return SceneLight(dots, self.config.full_dot_light, factors, self.config.background)
+        return SceneLight(dots, self.config.full_dot_light, frame.key_factor)
 
     def _blur_motion(self, capture: Capture, offset: float, exposure_time: float, color: NDArray[np.uint8]) -> None:
         """Blur the parts of a rendered image in which something has moved since ``capture.earlier``."""
@@ -266,17 +278,17 @@ class Imaging:
             blur_motion(self.renderer, self.lit(self.look, capture), motion, camera, exposure_time, color)
 
     def _render_with_dots(
-        self, capture: Capture, offset: float, divisor: int
+        self, capture: Capture, offset: float, divisor: int, key: KeyLight | None
     ) -> tuple[Frame, NDArray[np.uint16] | None]:
         """Return the rendered colour image, and the light of the projectors on it; see ``light_of_projectors``."""
-        outputs = Output.COLOR
+        outputs = Output.COLOR | Output.KEY_FACTOR if key is not None else Output.COLOR
         has_own = capture.has_projection(self.config)
         if capture.projectors:
             outputs |= Output.DEPTH | Output.INSTANCE | Output.NORMAL
         if has_own:
             outputs |= Output.DEPTH | Output.INSTANCE | Output.LAMP_SHARE
-        frame = self.render_lit(capture, offset, divisor, outputs)
-        if outputs == Output.COLOR:
+        frame = self.render_lit(capture, offset, divisor, outputs, key)
+        if not (has_own or capture.projectors):
             return frame, None
         return frame, light_of_projectors(
             self.renderer,

@@ -281,7 +281,8 @@ class FrameImages:
     async def _expose(
         self, capture: Capture, stream: NoiseStream, colors: frozenset[bool], averaged_images: int = 1
     ) -> dict[bool, SensorImage]:
-        request = ImageRequest((await self.metered(capture)).exposure, stream, colors, averaged_images)
+        metered = await self.metered(capture)
+        request = ImageRequest(metered.exposure, stream, colors, averaged_images, metered.key_light)
         with tracing.span("expose", attributes={"stereo.image": stream.name.lower()}):
             return await self._workers.run(self._imaging.expose, capture, request)
 
