@@ -63,8 +63,8 @@ def primitives_in_bin(chunk: Chunk, k: I64, bin_index: I64) -> I64:
 @inlined
 def pixels_between(chunk: Chunk, k: I64, begin: I64, end: I64) -> I64:
     """Return which of the eight tiny triangles' pixels from ``k`` on are in ``begin .. end``, a bit for each."""
-    pixels = vec.load(chunk.pixels, k)
-    return vec.movemask((pixels >= vec.i32(begin)) & (pixels < vec.i32(end)) & _used_lanes(k, chunk.pixel_count))
+    pixels = vec.load(chunk.fragment_pixels, k)
+    return vec.movemask((pixels >= vec.i32(begin)) & (pixels < vec.i32(end)) & _used_lanes(k, chunk.fragment_count))
 
 
 @inlined

@@ -146,7 +146,9 @@ def _clip_at_plane(
 
 
 @device_function
-def clip_triangle(frame: RasterFrame, draw: Draw, mesh_index: I64, corners: Pointer[F64], polygon: Pointer[I64]) -> I64:
+def clip_triangle(
+    frame: RasterFrame, draw: Draw, primitive_in_mesh: I64, corners: Pointer[F64], polygon: Pointer[I64]
+) -> I64:
     """Compute the visible part of a triangle.
 
     Args:
@@ -161,7 +163,7 @@ def clip_triangle(frame: RasterFrame, draw: Draw, mesh_index: I64, corners: Poin
     points, clipped = _points_array(), _clipped_array()
     vertex_indices, clipped_vertex_indices = _vertex_indices_array(), _clipped_vertex_indices_array()
     for k in range(3):
-        index = i64(indices[3 * mesh_index + k])
+        index = i64(indices[3 * primitive_in_mesh + k])
         camera_vertex(draw, index, corners, k)
         vertex_indices[k] = index
         for axis in range(3):

@@ -27,16 +27,16 @@ from renderers.raster.layout import (
     RasterFrame,
     SmallTriangle,
 )
-from renderers.raster.small_triangles import PreparedTriangle, draw_small, prepare_small
+from renderers.raster.small_triangles import SmallTriangleSpans, draw_small, find_small_spans
 from renderers.visibility_buffer import BAND_ROWS
 
 
 class _Target(Struct):
-    """The layer that primitives are drawn into and its depth rule, and memory for a prepared small triangle."""
+    """The layer that primitives are drawn into and its depth rule, and memory for the spans of a small triangle."""
 
     layer: Layer
     depth_rule: I64
-    prepared: PreparedTriangle
+    small_spans: SmallTriangleSpans
 
 
 _inv_z_array = stack_array(F32, vec.LANES)
@@ -149,11 +149,11 @@ _fill = make_fill(vec.LANES, _sample_points, _draw_spans, _draw_point)
 def _draw_primitive(frame: RasterFrame, target: _Target, primitive: Primitive, first_row: I64, end_row: I64) -> None:
     """Draw some rows of a Primitive or SmallTriangle."""
     if primitive.kind == KIND_SMALL:
-        prepare_small(frame, SmallTriangle(address(primitive)), first_row, end_row, target.prepared)
+        find_small_spans(frame, SmallTriangle(address(primitive)), first_row, end_row, target.small_spans)
         if target.depth_rule == IN_ORDER:  # inlined twice, as in _draw_span
-            draw_small(frame, target.layer, IN_ORDER, target.prepared)
+            draw_small(frame, target.layer, IN_ORDER, target.small_spans)
         else:
-            draw_small(frame, target.layer, target.depth_rule, target.prepared)
+            draw_small(frame, target.layer, target.depth_rule, target.small_spans)
     elif not is_set(frame.stop):  # before each large one: it may take longer than hundreds of small ones
         _fill(frame, target, primitive, first_row, end_row)
 
@@ -176,17 +176,17 @@ def _draw_pixels(frame: RasterFrame, target: _Target, chunk: Chunk, begin: I64, 
     """Draw some of a chunk's pixels of tiny triangles.
 
     Args:
-        begin, end: range of values as in Chunk.pixels; those of kept back faces have BACK_BIT, and are negative.
+        begin, end: range of values as in Chunk.fragment_pixels; those of kept back faces are negative (BACK_BIT).
     """
     layer, depth_rule = target.layer, target.depth_rule
     layer_begin = layer.first_row * frame.stride
-    for k in range(0, chunk.pixel_count, vec.LANES):
+    for k in range(0, chunk.fragment_count, vec.LANES):
         pending = pixels_between(chunk, k, begin, end)
         while pending != 0:
             j = k + vec.lowest_bit(pending)
             pending &= pending - 1
-            pixel = i64(chunk.pixels[j] & ~BACK_BIT) - layer_begin
-            depth_test_pixel(frame, layer, depth_rule, pixel, chunk.pixel_inv_z[j], chunk.pixel_ids[j])
+            pixel = i64(chunk.fragment_pixels[j] & ~BACK_BIT) - layer_begin
+            depth_test_pixel(frame, layer, depth_rule, pixel, chunk.fragment_inv_z[j], chunk.fragment_ids[j])
 
 
 @inlined
@@ -197,7 +197,7 @@ def _depth_rule(frame: RasterFrame, faces: I64) -> I64:
         return ANY_ORDER
     # A pass of depth peeling has layers that bound it, or takes the latest primitive.
     is_peeling = frame.beyond_ids != 0 or frame.before_ids != 0 or frame.earlier_ids != 0
-    return PEELED if is_peeling or frame.takes_latest != 0 else IN_ORDER
+    return PEELED if is_peeling or frame.highest_id_wins != 0 else IN_ORDER
 
 
 @device_function
@@ -231,7 +231,7 @@ def draw_band(frame_address: Address, first_row: I64, end_row: I64, band_memory:
     frame = RasterFrame(frame_address)
     layer, target = Layer(), _Target()
     set_band_layer(frame, layer, first_row, band_memory)
-    target.layer, target.prepared = layer, PreparedTriangle()
+    target.layer, target.small_spans = layer, SmallTriangleSpans()
     target.depth_rule = _depth_rule(frame, faces)
     if faces == FIRST_PASS:
         _clear_rows(frame, layer, first_row, end_row)

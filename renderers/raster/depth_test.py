@@ -49,7 +49,7 @@ def depth_test(
 ) -> None:
     """Write those of eight pixels that are covered and not behind the layer.
 
-    With the frame's ``takes_latest`` the layer's 1/z stays, and higher ids win.
+    With the frame's ``highest_id_wins`` the layer's 1/z stays, and higher ids win.
 
     Args:
         depth_rule: a constant makes faster code.
@@ -61,7 +61,7 @@ def depth_test(
         passed = passed & ((inv_z > old_inv_z) | (ids > vec.load(layer.ids, pixel)))
     if depth_rule == PEELED:
         passed = passed & _is_between(frame, pixel, inv_z, ids)
-        if frame.takes_latest != 0:
+        if frame.highest_id_wins != 0:
             inv_z = old_inv_z
             passed = passed & (ids > vec.load(layer.ids, pixel))
     vec.store(layer.inv_z, pixel, vec.select(passed, inv_z, old_inv_z))
@@ -79,7 +79,7 @@ def depth_test_pixel(
     passed = (inv_z > old_inv_z) | ((inv_z == old_inv_z) & (primitive_id > old_id))
     if depth_rule == PEELED:
         passed = passed & (vec.movemask(_is_pixel_between(frame, pixel, inv_z, primitive_id)) != 0)
-        if frame.takes_latest != 0:
+        if frame.highest_id_wins != 0:
             inv_z = old_inv_z
             passed = passed & (primitive_id > old_id)
     layer.inv_z[pixel] = inv_z if passed else old_inv_z

@@ -18,7 +18,7 @@ from renderers.msaa import SampleBand, lane_lists, sample_offsets
 from renderers.raster.coverage import draw_band
 from renderers.raster.frame_phases import run_phases
 from renderers.raster.frame_setup import set_up_frame
-from renderers.raster.layout import CHUNK_SIZE, CHUNK_VALUES, MAX_SIDE, Chunk, Draw, Primitive, RasterFrame
+from renderers.raster.layout import CHUNK_SIZE, CHUNK_WORDS, MAX_SIDE, Chunk, Draw, Primitive, RasterFrame
 from renderers.raster.msaa.edges import draw_samples, find_edges
 from renderers.raster.resolve import resolve_band
 from renderers.raster.resolve_normals import resolve_normals
@@ -147,7 +147,7 @@ class FrameJob:
                 frame[f"{name}_inv_z"] = self._address(each.inv_z, np.float32)
         if earlier is not None:
             frame["earlier_ids"] = self._address(earlier, np.int32)
-        frame["takes_latest"] = latest
+        frame["highest_id_wins"] = latest
 
     def _address(self, array: NDArray[Any], dtype: type[np.generic]) -> int:
         """Return the address of an array (H, W), or of a copy whose rows are whole vectors; kept as long as the job."""
@@ -208,7 +208,7 @@ def _work_sizes(instances: int, vertices: int, primitives: int) -> dict[str, int
         "vertices": 16 * vertices,
         "primitives": chunks * CHUNK_SIZE * Primitive.nbytes,
         "chunks": chunks * Chunk.nbytes,
-        "chunk_memory": 4 * chunks * CHUNK_VALUES,
+        "chunk_memory": 4 * chunks * CHUNK_WORDS,
     }
 
 

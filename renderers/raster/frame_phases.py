@@ -26,32 +26,32 @@ _SPINS: Final = 200
 
 @kernel
 def run_phases(frame_address: Address, until_finished: bool) -> None:
-    """Work on a frame together with other threads. A thread may come late, even when nothing is left to do: the caller
-    keeps the frame's memory until all calls have returned.
+    """Work on a frame together with other threads. A thread may come late, even when nothing is left to do: the
+    RasterFrame must live until all calls have returned, the memory that it points to until the frame is finished.
 
-    Each call takes the next ``band_memory_bytes`` of ``band_memory``: if a frame has any, it gets at most
+    Each call takes the next ``band_memory_bytes`` of ``band_memory``. A frame that has such memory gets at most
     ``max_threads`` calls.
 
     Args:
-        until_finished: return when the frame is finished; otherwise as soon as no unit of work is left.
+        until_finished: return when the frame is finished; otherwise as soon as no band is left to take.
     """
     frame = RasterFrame(frame_address)
     band_memory = frame.band_memory
     if band_memory != 0:
         band_memory += atomic_add_one(frame.threads_started, 0) * frame.band_memory_bytes
     for phase in range(PHASE_COUNT):
-        _do_units(frame, phase, band_memory)
+        _run_units(frame, phase, band_memory)
         if phase != BANDS or until_finished:
             _wait_for_other_threads(frame, phase)
 
 
 @inlined
-def _do_units(frame: RasterFrame, phase: I64, band_memory: Address) -> None:
+def _run_units(frame: RasterFrame, phase: I64, band_memory: Address) -> None:
     """Do units of a phase until none is left."""
     unit = atomic_add_one(frame.units_taken, phase)
     while unit < frame.unit_counts[phase]:
         if not is_set(frame.stop):  # units of a stopped frame are only counted, so that no thread waits for them
-            _do_unit(frame, phase, unit, band_memory)
+            _run_unit(frame, phase, unit, band_memory)
         atomic_add_one(frame.units_done, phase)
         unit = atomic_add_one(frame.units_taken, phase)
 
@@ -67,7 +67,7 @@ def _wait_for_other_threads(frame: RasterFrame, phase: I64) -> None:
 
 
 @inlined
-def _do_unit(frame: RasterFrame, phase: I64, unit: I64, band_memory: Address) -> None:
+def _run_unit(frame: RasterFrame, phase: I64, unit: I64, band_memory: Address) -> None:
     """Do one unit of a phase."""
     if phase == TRANSFORM:
         begin = unit * frame.vertices_per_unit
@@ -91,7 +91,7 @@ def _draw_shade_resolve(frame: RasterFrame, first_row: I64, end_row: I64, band_m
     """Draw, shade and resolve one band.
 
     Args:
-        band_memory: the thread's own; 0: the frame has a layer of the whole image, and is not shaded here.
+        band_memory: the thread's own; 0: the frame has a layer of the whole image, and what is in it is shaded later.
     """
     call_kernel(frame.draw_kernel, (address(frame), first_row, end_row, band_memory, FIRST_PASS))
     if frame.shade_kernel != 0:

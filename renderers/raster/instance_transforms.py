@@ -83,14 +83,14 @@ def _back_sign(m: Pointer[F64]) -> I64:
 
 @device_function
 def _set_signs(frame: RasterFrame, k: I64, draw: Draw) -> None:
-    """Set ``culled_sign`` and ``hidden_sign`` of the Draw of instance ``k``."""
+    """Set ``culled_area_sign`` and ``hidden_area_sign`` of the Draw of instance ``k``."""
     m, cull_back = advance(frame.X_camera_mesh, 16 * k), u8_at(frame.cull_back)
-    draw.culled_sign = draw.hidden_sign = 0
+    draw.culled_area_sign = draw.hidden_area_sign = 0
     if frame.cull_back != 0 and cull_back[k] != 0:
-        draw.culled_sign = _back_sign(m)
+        draw.culled_area_sign = _back_sign(m)
     is_convex = frame.skip_hidden_back_faces != 0 and _is_unclipped_convex(frame, m, frame.instances[k])
     if is_convex and _determinant(m) != 0.0:
-        draw.hidden_sign = _back_sign(m)
+        draw.hidden_area_sign = _back_sign(m)
 
 
 @device_function
@@ -109,14 +109,14 @@ def collect_draws(frame: RasterFrame) -> I64:
         for value in range(12):
             draw.X_camera_mesh[value] = frame.X_camera_mesh[16 * k + value]
         _set_signs(frame, k, draw)
-        culling_draws += draw.culled_sign != 0 and draw.hidden_sign == 0
-        draw.first_vertex, draw.first_primitive = vertices, primitives
+        culling_draws += draw.culled_area_sign != 0 and draw.hidden_area_sign == 0
+        draw.first_vertex, draw.first_frame_primitive = vertices, primitives
         draw.positions, draw.indices = instance.positions, instance.indices
-        draw.topology, draw.size, draw.first_id = instance.topology, instance.size, instance.first_primitive
+        draw.topology, draw.size, draw.first_id = instance.topology, instance.size, instance.first_id
         vertices += next_instance.first_vertex - instance.first_vertex
-        primitives += next_instance.first_primitive - instance.first_primitive
+        primitives += next_instance.first_id - instance.first_id
         draw_count += 1
     total = frame.draws[draw_count]
-    total.first_vertex, total.first_primitive = vertices, primitives
+    total.first_vertex, total.first_frame_primitive = vertices, primitives
     frame.vertex_count, frame.primitive_count, frame.draw_count = vertices, primitives, draw_count
     return culling_draws

@@ -37,19 +37,20 @@ CHUNK_SIZE: Final = 1024
 """Maximum number of primitives of a chunk. It does not depend on the number of threads, and so neither does the drawing
 order."""
 TINY_SIDE: Final = 4
-"""Triangles of at most TINY_SIDE x TINY_SIDE pixel centres are rasterized in setup, which emits their pixels."""
-MAX_TINY_PIXELS: Final = 4 * CHUNK_SIZE
-"""Maximum pixels of a chunk's tiny triangles. When there is no more room, they become small triangles."""
+"""Triangles of at most TINY_SIDE x TINY_SIDE pixel centres are rasterized in setup, which keeps their fragments: pixel,
+1/z and id."""
+MAX_TINY_FRAGMENTS: Final = 4 * CHUNK_SIZE
+"""Maximum fragments of a chunk's tiny triangles. When there is no more room, they become small triangles."""
 BACK_BIT: Final = -(1 << 31)
-"""Set in the ``Chunk.pixels`` of back faces that are kept."""
-PIXEL_ROOM: Final = MAX_TINY_PIXELS + 8
-"""Pixels that a chunk has memory for: the stores of the last ones overrun."""
-CHUNK_VALUES: Final = CHUNK_SIZE + 3 * PIXEL_ROOM
-"""Values of four bytes of a chunk's memory: its bins, then its pixels, their 1/z and ids."""
+"""Set in the ``Chunk.fragment_pixels`` of back faces that are kept."""
+FRAGMENT_CAPACITY: Final = MAX_TINY_FRAGMENTS + 8
+"""Fragments that a chunk has memory for: vectors are stored whole, up to seven values beyond the last fragment."""
+CHUNK_WORDS: Final = CHUNK_SIZE + 3 * FRAGMENT_CAPACITY
+"""Words of four bytes of a chunk's memory: its bins, then its fragments' pixels, 1/z and ids."""
 MAX_SMALL_WIDTH: Final = 64
 MAX_SMALL_HEIGHT: Final = 128
 """Triangles of at most this many pixel centres across and down, less than 65 x 129 pixels, have edge functions that fit
-int32, also eight columns (``msaa``) or seven rows (``small_triangles``) off their box: 2 x 256^2 x 73 x 136 < 2^31."""
+int32, also eight columns (``msaa``) and seven rows (``small_triangles``) off their box: 2 x 256^2 x 73 x 136 < 2^31."""
 MAX_SMALL_DEPTH_RATIO: Final = 4.0
 """Maximum depth of a small triangle's farthest vertex over that of its nearest. Beyond, float32 would lose digits of
 1/z at the far end, and float64 is used."""
@@ -109,13 +110,13 @@ SMALL_FIELD_COUNT: Final = SmallTriangle.nbytes // 4
 
 class RasterInstance(Struct):
     """An instance of the draw list, independent of camera and pose. The table ends with one more row, in which
-    ``first_vertex`` and ``first_primitive`` are the totals."""
+    ``first_vertex`` and ``first_id`` are the totals."""
 
     positions: Pointer[F32]  # (N, 3): vertices to transform, which may be fewer than the mesh's own
     indices: Pointer[U32]  # (M, topology) into these
     topology: I64
     first_vertex: I64  # among all instances' vertices
-    first_primitive: I64  # among all instances' primitives: the primitive id of its first
+    first_id: I64  # primitive id of its first primitive
     size: F64  # point size or line width, pixels
     box_center: Pointer[F64] = inline(3)  # of convex meshes, see convex_culling
     box_half: Pointer[F64] = inline(3)  # half extents; negative: not convex
@@ -132,10 +133,10 @@ class Draw(Struct):
     topology: I64
     size: F64
     first_vertex: I64  # among the drawn vertices
-    first_primitive: I64  # drawn index of its first primitive, not an id
+    first_frame_primitive: I64  # index of its first primitive among those drawn in the frame
     first_id: I64  # primitive id of its first primitive
-    culled_sign: I64  # +1, clockwise on screen, or -1: sign of the area of culled faces, kept or not; 0: none
-    hidden_sign: I64  # likewise of faces hidden by others of their mesh
+    culled_area_sign: I64  # sign of the area of the faces to cull, kept or not: +1 clockwise on screen, -1; 0: none
+    hidden_area_sign: I64  # likewise of back faces of a convex mesh, which its front faces hide
     X_camera_mesh: Pointer[F64] = inline(12)  # the first three rows
 
 
@@ -146,13 +147,13 @@ class Chunk(Struct):
     those of band ``k`` are in bin ``RasterFrame.first_back_bin + k``."""
 
     primitives: Primitive  # (CHUNK_SIZE,): those that may be visible, in the order of their ids
-    bins: Pointer[I32]  # (CHUNK_SIZE,): the last (high half) and the first bin that each of them touches
+    bins: Pointer[I32]  # (CHUNK_SIZE,): last << 16 | first bin that each of them touches
     count: I64  # number of them
-    pixels: Pointer[I32]  # (PIXEL_ROOM,): of tiny triangles, row * stride + column; kept back faces: BACK_BIT
-    pixel_inv_z: Pointer[F32]
-    pixel_ids: Pointer[I32]
-    pixel_count: I64
-    first_band: I64  # bands that primitives and pixels touch; last_band < first_band: none
+    fragment_pixels: Pointer[I32]  # (FRAGMENT_CAPACITY,): row * stride + column; kept back faces: BACK_BIT, too
+    fragment_inv_z: Pointer[F32]
+    fragment_ids: Pointer[I32]
+    fragment_count: I64
+    first_band: I64  # bands that primitives and fragments touch; last_band < first_band: none
     last_band: I64
 
 
@@ -171,8 +172,8 @@ KEPT_BACK_FACES: Final = 1
 class RasterFrame(Struct):
     """A rasterization: its parameters, the memory that it works in, and its units of work, which threads share.
 
-    ``frame.FrameJob`` fills the fields above ``draw_count``, the kernels those below. An Address or flag is 0 where
-    there is none.
+    ``frame.FrameJob`` fills the fields above ``draw_count``, the kernels those below. An Address of what a
+    frame lacks is 0.
     """
 
     # Image and camera.
@@ -220,15 +221,17 @@ class RasterFrame(Struct):
     normals_kernel: Address
     yield_function: Address  # called while waiting for other threads
 
-    # Layers that bound what is drawn, (height, stride) each: ids are int32, inv_z float32.
-    beyond_ids: Address  # primitives must lie behind this layer
+    # Depth peeling: bounds of what passes the depth test, (height, stride) each: ids are int32, inv_z float32.
+    beyond_ids: Address  # fragments lie behind this layer, or at its depth with a lower id
     beyond_inv_z: Address
-    before_ids: Address  # primitives must lie in front of this layer
+    before_ids: Address  # fragments lie in front of this layer, or at its depth
     before_inv_z: Address
-    earlier_ids: Address  # primitives must have lower ids
-    takes_latest: I64  # flag: pixels see the primitive with the highest id, not the nearest
+    earlier_ids: Address  # fragments have ids below these
+    highest_id_wins: (
+        I64  # flag: a pixel sees the fragment that is drawn last, not the nearest (layers by drawing order)
+    )
 
-    # Results. The layer is (height, stride); without it, only the outputs are wanted.
+    # Results. The layer is (height, stride); without it, each thread has a layer of one band.
     layer_ids: Address
     layer_inv_z: Address
     depth: Address  # outputs, as in interface.Frame
@@ -241,7 +244,7 @@ class RasterFrame(Struct):
     vertices: Pointer[F32]  # (vertex_count, 4): x, y in pixels, 1/z in 1/m or BEHIND or OUTSIDE, unused
     primitives: Primitive  # (chunk_count * CHUNK_SIZE); those of KIND_SMALL are SmallTriangle
     chunks: Chunk  # (chunk_count)
-    chunk_memory: Pointer[I32]  # (chunk_count, CHUNK_VALUES): what their pointers point to
+    chunk_memory: Pointer[I32]  # (chunk_count, CHUNK_WORDS): what their pointers point to
     band_memory: Address  # the first thread's memory for a band
     band_memory_bytes: I64  # of each thread
     max_threads: I64

@@ -45,19 +45,19 @@ _ends_array = stack_array(F64, 6)
 
 @device_function
 def set_up_single_triangle(
-    frame: RasterFrame, draw_index: I64, mesh_index: I64, primitive: Primitive
+    frame: RasterFrame, draw_index: I64, primitive_in_mesh: I64, primitive: Primitive
 ) -> tuple[I64, I64]:
     """Set up a triangle in float64: of any size, clipped or not."""
     draw = frame.draws[draw_index]
-    v0 = vertex_of(frame, draw, i64(draw.indices[3 * mesh_index]))
-    v1 = vertex_of(frame, draw, i64(draw.indices[3 * mesh_index + 1]))
-    v2 = vertex_of(frame, draw, i64(draw.indices[3 * mesh_index + 2]))
+    v0 = vertex_of(frame, draw, i64(draw.indices[3 * primitive_in_mesh]))
+    v1 = vertex_of(frame, draw, i64(draw.indices[3 * primitive_in_mesh + 1]))
+    v2 = vertex_of(frame, draw, i64(draw.indices[3 * primitive_in_mesh + 2]))
     w0, w1, w2 = v0[2], v1[2], v2[2]
     w_min, w_max = min(min(w0, w1), w2), max(max(w0, w1), w2)
     if w_max == BEHIND:
         return NOT_VISIBLE
     if w_min < 0.0:
-        return _set_up_clipped_triangle(frame, draw_index, mesh_index, primitive)
+        return _set_up_clipped_triangle(frame, draw_index, primitive_in_mesh, primitive)
     if w_max < frame.inv_z_far:  # saves time only: the depth test rejects what is beyond the far plane
         return NOT_VISIBLE
     x0, x1, x2 = snap_to_grid(v0[0]), snap_to_grid(v1[0]), snap_to_grid(v2[0])
@@ -66,10 +66,10 @@ def set_up_single_triangle(
     min_y, max_y = min(min(y0, y1), y2), max(max(y0, y1), y2)
     box = pixel_box(frame, min_x, min_y, max_x, max_y, frame.sample_reach)
     area = (x1 - x0) * (y2 - y0) - (x2 - x0) * (y1 - y0)
-    # hidden_sign and culled_sign are those of the screen area of such back faces, see Draw.
-    if is_empty(box) or area == 0 or area * draw.hidden_sign > 0:
+    # hidden_area_sign and culled_area_sign are those of the screen area of such back faces, see Draw.
+    if is_empty(box) or area == 0 or area * draw.hidden_area_sign > 0:
         return NOT_VISIBLE
-    base_bin = base_bin_of(frame, area * draw.culled_sign > 0)
+    base_bin = base_bin_of(frame, area * draw.culled_area_sign > 0)
     if base_bin < 0:  # culled and not kept
         return NOT_VISIBLE
     if area < 0:  # to clockwise, so that edge functions are positive inside
@@ -110,12 +110,12 @@ def _set_inv_z_plane(
 
 @device_function
 def _set_up_clipped_triangle(
-    frame: RasterFrame, draw_index: I64, mesh_index: I64, primitive: Primitive
+    frame: RasterFrame, draw_index: I64, primitive_in_mesh: I64, primitive: Primitive
 ) -> tuple[I64, I64]:
     """Set up a triangle that needs clipping. It is clipped again in every band that it touches."""
     draw = frame.draws[draw_index]
     corners, polygon = corner_array(), polygon_array()
-    corner_count = clip_triangle(frame, draw, mesh_index, corners, polygon)
+    corner_count = clip_triangle(frame, draw, primitive_in_mesh, corners, polygon)
     if corner_count == 0:
         return NOT_VISIBLE
     min_x, min_y = polygon[0], polygon[1]  # x and y in turn
@@ -132,8 +132,8 @@ def _set_up_clipped_triangle(
     offset = nx * corners[0] + ny * corners[1] + nz * corners[2]
     if is_empty(box) or offset == 0.0:
         return NOT_VISIBLE
-    # hidden_sign is 0 in draws that are clipped: see instance_transforms._is_unclipped_convex.
-    base_bin = base_bin_of(frame, offset * draw.culled_sign > 0.0)
+    # hidden_area_sign is 0 in draws that are clipped: see instance_transforms._is_unclipped_convex.
+    base_bin = base_bin_of(frame, offset * draw.culled_area_sign > 0.0)
     if base_bin < 0:  # culled and not kept
         return NOT_VISIBLE
     values = primitive.values  # as KIND_CLIPPED says
@@ -150,9 +150,9 @@ def _set_up_clipped_triangle(
 
 
 @device_function
-def set_up_line(frame: RasterFrame, draw: Draw, mesh_index: I64, primitive: Primitive) -> tuple[I64, I64]:
+def set_up_line(frame: RasterFrame, draw: Draw, primitive_in_mesh: I64, primitive: Primitive) -> tuple[I64, I64]:
     """Set up a line, clipped. Lines of length 0 draw nothing."""
-    index0, index1 = i64(draw.indices[2 * mesh_index]), i64(draw.indices[2 * mesh_index + 1])
+    index0, index1 = i64(draw.indices[2 * primitive_in_mesh]), i64(draw.indices[2 * primitive_in_mesh + 1])
     v0, v1 = vertex_of(frame, draw, index0), vertex_of(frame, draw, index1)
     w0, w1 = v0[2], v1[2]
     if w0 == BEHIND and w1 == BEHIND:
@@ -190,9 +190,9 @@ def set_up_line(frame: RasterFrame, draw: Draw, mesh_index: I64, primitive: Prim
 
 
 @device_function
-def set_up_point(frame: RasterFrame, draw: Draw, mesh_index: I64, primitive: Primitive) -> tuple[I64, I64]:
+def set_up_point(frame: RasterFrame, draw: Draw, primitive_in_mesh: I64, primitive: Primitive) -> tuple[I64, I64]:
     """Set up a point: the size x size pixels whose centres are nearest to it."""
-    vertex = vertex_of(frame, draw, i64(draw.indices[mesh_index]))
+    vertex = vertex_of(frame, draw, i64(draw.indices[primitive_in_mesh]))
     w = vertex[2]
     if w < 0.0:
         return NOT_VISIBLE

@@ -75,7 +75,7 @@ def _write_span(frame: RasterFrame, instance_index: I64, primitive_id: I64, row:
         _fill(out, start, stop, _TOWARDS_CAMERA)
         return
     X_camera_mesh = advance(frame.X_camera_mesh, 16 * instance_index)
-    corner_indices = advance(instance.mesh_indices, 3 * (primitive_id - instance.first_primitive))
+    corner_indices = advance(instance.mesh_indices, 3 * (primitive_id - instance.first_id))
     corners = _camera_corners(X_camera_mesh, instance.mesh_positions, corner_indices)
     adjugate = _adjugate(corners)
     flat_normal = _geometric_normal(adjugate, _dot(adjugate.first, corners.first))

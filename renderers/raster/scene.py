@@ -184,7 +184,7 @@ def _prepare_instances(instances: Sequence[Instance]) -> PreparedInstances:
     total = structure.instances[-1]
     return PreparedInstances(
         structure,
-        (len(instances), int(total["first_vertex"]), int(total["first_primitive"])),
+        (len(instances), int(total["first_vertex"]), int(total["first_id"])),
         tables={
             "instances": address_of(structure.instances, RasterInstance.dtype),
             "first_ids": address_of(structure.first_ids, np.int64),
@@ -224,11 +224,11 @@ def _build_structure(instances: Sequence[Instance]) -> Structure:
     table = np.zeros(count + 1, RasterInstance.dtype)
     numbers = np.array([(*m.counts, *m.addresses, *m.mesh_addresses) for m in meshes], np.int64).reshape(count, 8)
     np.cumsum(numbers[:, 0], out=table["first_vertex"][1:])
-    np.cumsum(numbers[:, 1], out=table["first_primitive"][1:])
+    np.cumsum(numbers[:, 1], out=table["first_id"][1:])
     columns = "topology", "positions", "indices", "mesh_positions", "mesh_indices", "mesh_normals"
     for column, field in enumerate(columns):
         table[field][:-1] = numbers[:, 2 + column]
-    first_ids = np.ascontiguousarray(table["first_primitive"])
+    first_ids = np.ascontiguousarray(table["first_id"])
     if first_ids[-1] > MAX_PRIMITIVES:
         raise ValueError(f"the scene has {first_ids[-1]} primitives, more than {MAX_PRIMITIVES} can be drawn")
     materials = tuple([instance.material for instance in instances])

@@ -11,8 +11,8 @@ from renderers.raster.chunks import append_primitive, bins_of
 from renderers.raster.layout import (
     BACK_BIT,
     CHUNK_SIZE,
-    CHUNK_VALUES,
-    PIXEL_ROOM,
+    CHUNK_WORDS,
+    FRAGMENT_CAPACITY,
     TOPOLOGY_LINES,
     TOPOLOGY_TRIANGLES,
     Chunk,
@@ -32,22 +32,22 @@ def _begin_chunk(frame: RasterFrame, index: I64) -> Chunk:
     """
     chunk = frame.chunks[index]
     chunk.primitives = frame.primitives[index * CHUNK_SIZE]
-    chunk.bins = advance(frame.chunk_memory, index * CHUNK_VALUES)
-    chunk.pixels = advance(chunk.bins, CHUNK_SIZE)
-    pixel_inv_z = advance(chunk.pixels, PIXEL_ROOM)
-    chunk.pixel_inv_z, chunk.pixel_ids = as_f32(pixel_inv_z), advance(pixel_inv_z, PIXEL_ROOM)
-    chunk.count = chunk.pixel_count = 0
+    chunk.bins = advance(frame.chunk_memory, index * CHUNK_WORDS)
+    chunk.fragment_pixels = advance(chunk.bins, CHUNK_SIZE)
+    fragment_inv_z = advance(chunk.fragment_pixels, FRAGMENT_CAPACITY)
+    chunk.fragment_inv_z, chunk.fragment_ids = as_f32(fragment_inv_z), advance(fragment_inv_z, FRAGMENT_CAPACITY)
+    chunk.count = chunk.fragment_count = 0
     return chunk
 
 
 @device_function
-def _draw_index_of_primitive(frame: RasterFrame, drawn_index: I64) -> I64:
-    """Return the index of a primitive's draw: the last one with ``first_primitive <= drawn_index``."""
+def _draw_index_of_primitive(frame: RasterFrame, frame_primitive: I64) -> I64:
+    """Return the index of a primitive's draw: the last one with ``first_frame_primitive <= frame_primitive``."""
     low = 0
     high = frame.draw_count
     while high - low > 1:
         middle = (low + high) >> 1
-        if frame.draws[middle].first_primitive <= drawn_index:
+        if frame.draws[middle].first_frame_primitive <= frame_primitive:
             low = middle
         else:
             high = middle
@@ -55,15 +55,15 @@ def _draw_index_of_primitive(frame: RasterFrame, drawn_index: I64) -> I64:
 
 
 @device_function
-def _set_up_line_or_point(frame: RasterFrame, draw: Draw, mesh_index: I64, chunk: Chunk) -> None:
+def _set_up_line_or_point(frame: RasterFrame, draw: Draw, primitive_in_mesh: I64, chunk: Chunk) -> None:
     """Set up a line or a point, and append it to a Chunk if it may be visible."""
     # The first free place. If no bin is touched, last_bin < first_bin, and the next primitive is written over it.
     primitive = chunk.primitives[chunk.count]
     if draw.topology == TOPOLOGY_LINES:
-        first_bin, last_bin = set_up_line(frame, draw, mesh_index, primitive)
+        first_bin, last_bin = set_up_line(frame, draw, primitive_in_mesh, primitive)
     else:  # a point
-        first_bin, last_bin = set_up_point(frame, draw, mesh_index, primitive)
-    primitive.id = draw.first_id + mesh_index
+        first_bin, last_bin = set_up_point(frame, draw, primitive_in_mesh, primitive)
+    primitive.id = draw.first_id + primitive_in_mesh
     append_primitive(chunk, first_bin, last_bin)
 
 
@@ -78,13 +78,13 @@ def _set_up_primitives(frame: RasterFrame, chunk: Chunk, begin: I64, end: I64) -
     draw_begin = begin
     while draw_begin < end:
         draw = frame.draws[draw_index]
-        draw_end = min(end, frame.draws[draw_index + 1].first_primitive)
-        first_of_draw = draw.first_primitive
+        draw_end = min(end, frame.draws[draw_index + 1].first_frame_primitive)
+        first_of_draw = draw.first_frame_primitive
         if draw.topology == TOPOLOGY_TRIANGLES:
             set_up_triangles(frame, draw_index, draw_begin - first_of_draw, draw_end - first_of_draw, chunk)
         else:
-            for drawn_index in range(draw_begin, draw_end):
-                _set_up_line_or_point(frame, draw, drawn_index - first_of_draw, chunk)
+            for frame_primitive in range(draw_begin, draw_end):
+                _set_up_line_or_point(frame, draw, frame_primitive - first_of_draw, chunk)
         draw_begin = draw_end
         draw_index += 1
 
@@ -100,10 +100,10 @@ def _find_bands(frame: RasterFrame, chunk: Chunk) -> None:
         base_bin = frame.band_count if first_bin >= frame.band_count else 0
         first_band = min(first_band, first_bin - base_bin)
         last_band = max(last_band, last_bin - base_bin)
-    if chunk.pixel_count != 0:
-        first_pixel = last_pixel = chunk.pixels[0] & ~BACK_BIT
-        for k in range(1, chunk.pixel_count):
-            pixel = chunk.pixels[k] & ~BACK_BIT
+    if chunk.fragment_count != 0:
+        first_pixel = last_pixel = chunk.fragment_pixels[0] & ~BACK_BIT
+        for k in range(1, chunk.fragment_count):
+            pixel = chunk.fragment_pixels[k] & ~BACK_BIT
             first_pixel, last_pixel = min(first_pixel, pixel), max(last_pixel, pixel)
         first_band = min(first_band, first_pixel // (BAND_ROWS * frame.stride))
         last_band = max(last_band, last_pixel // (BAND_ROWS * frame.stride))

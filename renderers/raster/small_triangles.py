@@ -1,6 +1,6 @@
 """Coverage of small triangles, up to 64 x 128 pixels, in one band.
 
-    1. ``prepare_small``: the span of covered columns in each row, eight rows at a time, one per lane;
+    1. ``find_small_spans``: the span of covered columns in each row, eight rows at a time, one per lane;
     2. the blocks of eight columns and four rows that have any covered pixel;
     3. ``draw_small``: the depth test of these blocks, a row of eight pixels at a time.
 
@@ -12,21 +12,9 @@
         rows 4..7 |        |###     |
                   +--------+--------+
 
-In a row, each of the three edge functions is e + c de at column c, counted from the box's first: it *limits* the
-covered columns on one side, at -e / de. The span's ends are such quotients in float32, rounded down. They are exact if
-the error is less than the distance of the quotient from the next integer:
-
-- e >> 8 has the sign of e. Edge functions change by multiples of 256 per column and row, so that e >> 8 changes by
-  exactly change >> 8. It is an integer below 2^23, so that it is exact in float32 even with a half added, and its
-  changes are at most 129 x 256 (128 rows of centres lie in fewer than 129 pixels). That also holds in the up to seven
-  rows above and below the box that groups of eight rows add (``MAX_SMALL_HEIGHT``).
-- edge_value = (e >> 8) + 1/2 is never 0. With dx = de >> 8, column c is inside where edge_value + c dx > 0.
-  A horizontal edge, dx = 0, covers all columns of a row or none: its limit is -inf or +inf.
-- The limit of other edges is the quotient q = -edge_value / dx. It differs from every integer by at least
-  (1/2) / |dx| > 15.1e-6. It is computed as edge_value * (-1 / dx), with two roundings of 2^-24 each: within the box,
-  where |q| <= 64, the error is at most 64 x 2^-23 < 7.7e-6. Farther out it cannot bring q back into the box.
-- A limit on the left makes floor(q + 1) the first covered column, one on the right makes it the end. The computed q is
-  more than 7.4e-6 away from integers, and the sum, below 128, is rounded by at most 2^-18 < 3.9e-6: floor stays.
+In a row, each of the three edge functions is e + c de at column c, counted from the box's first. It *limits* the
+covered columns on one side, at q = -e / de. On the left, the first covered column is floor(q + 1); on the right, that
+is the end. Both are computed in float32: ``_limit_by_edge`` says why that is exact.
 """
 
 from __future__ import annotations
@@ -56,7 +44,7 @@ _BLOCK_ROWS: Final = 4
 _GROUP_ROWS: Final = vec.LANES
 """Rows whose spans are found at a time: two rows of blocks."""
 _MASK_BLOCKS: Final = 8
-"""Blocks of a block row in a mask of PreparedTriangle.blocks: a byte."""
+"""Blocks of a block row in a mask of SmallTriangleSpans.block_masks: a byte."""
 _GROUP_BITS: Final = 2 * _MASK_BLOCKS
 """Bits of a group's two block rows in a mask. Four groups are a band."""
 _COLUMN_BITS: Final = vec.LANES.bit_length() - 1
@@ -67,8 +55,8 @@ assert BAND_ROWS == 4 * _GROUP_ROWS
 assert (SMALL_FIELDS.kind, SMALL_FIELDS.edge1_dy) == (vec.LANES - 1, vec.LANES)
 
 
-class PreparedTriangle(Struct):
-    """A small triangle within a band, from ``prepare_small`` for ``draw_small``."""
+class SmallTriangleSpans(Struct):
+    """A small triangle within a band, from ``find_small_spans`` for ``draw_small``."""
 
     triangle: SmallTriangle
     row_inv_z: Pointer[F32] = inline(BAND_ROWS)  # of each row: 1/z at the box's first column
@@ -76,86 +64,86 @@ class PreparedTriangle(Struct):
     row_column_count: Pointer[I32] = inline(BAND_ROWS)
     # Masks of the blocks with any covered column. Byte r of the first one: blocks 0 to 7 of block row r, from the left,
     # in bits 0 to 7. Byte r of the second: blocks 8 to 15; a box that is not aligned has up to nine.
-    blocks: Pointer[I64] = inline(2)
-    groups_top: I64  # first row of the first group, in the image
+    block_masks: Pointer[I64] = inline(2)
+    first_group_row: I64  # first row of the first group, in the image
     row_count: I64  # within the band
-    blocks_left: I64  # first column of the first block, in the image
-    blocks_left_in_box: I64  # the same, counted from the box's first column: perhaps negative
+    first_block_column: I64  # first column of the first block, in the image
+    first_block_column_in_box: I64  # the same, counted from the box's first column: perhaps negative
 
 
-class _RowEdges(NamedTuple):
+class _ScanlineEdges(NamedTuple):
     """Three edge functions, shifted right by 8, and the factors that make column limits of them; in all lanes alike."""
 
     base: F32x8x3
     """At row and column 0 of the box, plus a half."""
     dy: F32x8x3
     """Change per row."""
-    left_scale: F32x8x3
-    """-1 over the change per column, or NaN, which limits nothing. An edge limits columns either on the left or on the
-    right."""
-    right_scale: F32x8x3
+    left_minus_inverse_dx: F32x8x3
+    """-1 over the change per column for edges that limit columns on the left; NaN, which limits nothing, for others."""
+    right_minus_inverse_dx: F32x8x3
+    """The same for edges on the right."""
 
 
 @inlined
-def prepare_small(
-    frame: RasterFrame, triangle: SmallTriangle, first_row: I64, end_row: I64, prepared: PreparedTriangle
+def find_small_spans(
+    frame: RasterFrame, triangle: SmallTriangle, first_row: I64, end_row: I64, spans: SmallTriangleSpans
 ) -> None:
     """Find the spans and blocks of a triangle in at most BAND_ROWS rows of the image, for ``draw_small``."""
     # The box, cut to band and image.
     box_x, box_y, box_column_count, box_row_count = box_of(triangle)
     top, bottom = max(box_y, first_row), min(box_y + box_row_count, end_row)
     left, right = max(box_x, i64(0)), min(box_x + box_column_count, frame.width)
-    # Blocks begin where vectors do: no load waits for two earlier stores, none spans two cache lines.
-    blocks_left = left & ~i64(vec.LANES - 1)
-    blocks_left_in_box = blocks_left - box_x
+    # Blocks are aligned to eight columns: a load gets its values from one earlier store, and spans no two cache lines.
+    first_block_column = left & ~i64(vec.LANES - 1)
+    first_block_column_in_box = first_block_column - box_x
     group_count = (bottom - top + _GROUP_ROWS - 1) // _GROUP_ROWS
-    groups_top = _first_row_of_groups(top, end_row, group_count, first_row)
+    first_group_row = _first_row_of_groups(top, end_row, group_count, first_row)
 
-    # Spans, 1/z and blocks of eight rows at a time. Rows may lie beyond the box: no column is covered there.
+    # Spans, 1/z and blocks of eight rows at a time. Rows may lie above or below the box: no column is covered there.
     edges = _load_edges(triangle)
     inv_z_base, inv_z_dy = vec.f32(triangle.inv_z_base), vec.f32(triangle.inv_z_dy)
-    row_in_box = vec.to_f32(vec.i32(groups_top - box_y) + vec.iota())
+    row_in_box = vec.to_f32(vec.i32(first_group_row - box_y) + vec.iota())
     box_left_limit, box_right_limit = vec.f32(left - box_x) - vec.f32(0.5), vec.f32(right - box_x) - vec.f32(0.5)
     low_blocks, high_blocks = i64(0), i64(0)
     for group in range(group_count):
         begin_in_box, column_count = _covered_columns(edges, row_in_box, box_left_limit, box_right_limit)
-        vec.store(prepared.row_begin_in_box, _GROUP_ROWS * group, begin_in_box)
-        vec.store(prepared.row_column_count, _GROUP_ROWS * group, column_count)
-        low, high = _block_masks(begin_in_box - vec.i32(blocks_left_in_box), column_count)
+        vec.store(spans.row_begin_in_box, _GROUP_ROWS * group, begin_in_box)
+        vec.store(spans.row_column_count, _GROUP_ROWS * group, column_count)
+        low, high = _block_masks(begin_in_box - vec.i32(first_block_column_in_box), column_count)
         low_blocks |= low << (_GROUP_BITS * group)
         high_blocks |= high << (_GROUP_BITS * group)
-        vec.store(prepared.row_inv_z, _GROUP_ROWS * group, inv_z_base + inv_z_dy * row_in_box)
+        vec.store(spans.row_inv_z, _GROUP_ROWS * group, inv_z_base + inv_z_dy * row_in_box)
         row_in_box = row_in_box + vec.f32(float(_GROUP_ROWS))
 
-    prepared.triangle = triangle
-    prepared.blocks[0], prepared.blocks[1] = low_blocks, high_blocks
-    prepared.groups_top = groups_top
-    prepared.row_count = min(end_row - groups_top, _GROUP_ROWS * group_count)
-    prepared.blocks_left, prepared.blocks_left_in_box = blocks_left, blocks_left_in_box
+    spans.triangle = triangle
+    spans.block_masks[0], spans.block_masks[1] = low_blocks, high_blocks
+    spans.first_group_row = first_group_row
+    spans.row_count = min(end_row - first_group_row, _GROUP_ROWS * group_count)
+    spans.first_block_column, spans.first_block_column_in_box = first_block_column, first_block_column_in_box
 
 
 @inlined
-def draw_small(frame: RasterFrame, layer: Layer, depth_rule: I64, prepared: PreparedTriangle) -> None:
-    """Draw a triangle that ``prepare_small`` has prepared; ``depth_rule`` as for ``depth_test``.
+def draw_small(frame: RasterFrame, layer: Layer, depth_rule: I64, spans: SmallTriangleSpans) -> None:
+    """Draw a triangle with the spans of ``find_small_spans``; ``depth_rule`` as for ``depth_test``.
 
     The trip count of a loop over columns could not be predicted for small triangles. Therefore one loop goes over the
     set bits of a mask of blocks. About half of a box is never tested.
     """
     # Both masks in one loop: with a copy of its body for each, draw_band would take longer to compile.
-    for mask_index in range(1 if prepared.blocks[1] == 0 else 2):
-        blocks = prepared.blocks[mask_index]
+    for mask_index in range(1 if spans.block_masks[1] == 0 else 2):
+        blocks = spans.block_masks[mask_index]
         while blocks != 0:
             bit = vec.lowest_bit(blocks)
             blocks &= blocks - 1
             block_row, block = bit // _MASK_BLOCKS, mask_index * _MASK_BLOCKS + bit % _MASK_BLOCKS
-            _draw_block(frame, layer, depth_rule, prepared, block_row * _BLOCK_ROWS, block * vec.LANES)
+            _draw_block(frame, layer, depth_rule, spans, block_row * _BLOCK_ROWS, block * vec.LANES)
 
 
 @inlined
 def _first_row_of_groups(top: I64, end_row: I64, group_count: I64, first_row: I64) -> I64:
     """Return the row of the image with which the groups of eight rows begin, of a triangle from row ``top`` on.
 
-    It is ``top``, or higher near the band's end, so that the last group ends there and has no rows of the next band::
+    It is ``top``, or a smaller row near the band's end, so that the last group has no rows of the next band::
 
         row  0   the band begins
         row 16   the groups begin: rows 16 to 23, and 24 to 31
@@ -168,11 +156,11 @@ def _first_row_of_groups(top: I64, end_row: I64, group_count: I64, first_row: I6
 
 
 @inlined
-def _load_edges(triangle: SmallTriangle) -> _RowEdges:
+def _load_edges(triangle: SmallTriangle) -> _ScanlineEdges:
     """Return the edge functions of a triangle, in all lanes.
 
-    All fields by two loads: a third of the instructions of one for each. The lanes of other fields, which are shifted
-    and converted too, are not used.
+    All fields by two loads: a third of the instructions of a load for each field. The lanes of other fields, which are
+    shifted and converted, too, are not used.
     """
     values, bits = i32_at(address(triangle)), vec.i32(SUBPIXEL_BITS)
     first, second = vec.to_f32(vec.load(values, 0) >> bits), vec.to_f32(vec.load(values, vec.LANES) >> bits)
@@ -187,15 +175,15 @@ def _load_edges(triangle: SmallTriangle) -> _RowEdges:
     lane = vec.iota()
     edge_dx = vec.select(lane == vec.i32(0), e0_dx, vec.select(lane == vec.i32(1), e1_dx, e2_dx))
     scale = vec.f32(-1.0) / edge_dx
-    # The scale of a horizontal edge is -inf: its left limit is -inf where edge_value > 0, elsewhere +inf, no column.
-    # NaN on the other side limits nothing, see _limit_by_edge. No change is -0: 0 - a - b is +0 where a = -b.
+    # Of a horizontal edge, -1 / dx is -inf. Its left limit is -inf where edge_value > 0, which limits nothing, and +inf
+    # elsewhere, which covers nothing. dx is never -0: 0 - a - b is +0 where a = -b.
     left = vec.select(edge_dx >= zero, scale, no_limit)
     right = vec.select(edge_dx >= zero, no_limit, scale)
-    return _RowEdges(
+    return _ScanlineEdges(
         base=(e0 + half, e1 + half, e2 + half),
         dy=(e0_dy, e1_dy, e2_dy),
-        left_scale=(_broadcast_lane(left, 0), _broadcast_lane(left, 1), _broadcast_lane(left, 2)),
-        right_scale=(_broadcast_lane(right, 0), _broadcast_lane(right, 1), _broadcast_lane(right, 2)),
+        left_minus_inverse_dx=(_broadcast_lane(left, 0), _broadcast_lane(left, 1), _broadcast_lane(left, 2)),
+        right_minus_inverse_dx=(_broadcast_lane(right, 0), _broadcast_lane(right, 1), _broadcast_lane(right, 2)),
     )
 
 
@@ -206,44 +194,61 @@ def _broadcast_lane(vector: F32x8, k: I64) -> F32x8:
 
 
 @inlined
-def _covered_columns(edges: _RowEdges, row_in_box: F32x8, box_left: F32x8, box_right: F32x8) -> I32x8x2:
+def _covered_columns(
+    edges: _ScanlineEdges, row_in_box: F32x8, box_left_limit: F32x8, box_right_limit: F32x8
+) -> I32x8x2:
     """Return the first covered column, counted from the box's first, and their number in each of eight rows.
 
     Column c is covered if left < c < right. So the first one is floor(left + 1), the end floor(right + 1).
 
     Args:
         row_in_box: counted from the box's first row.
-        box_left, box_right: limits by box and image, integers minus a half, counted from the box's first column.
+        box_left_limit, box_right_limit: limits by box and image, integers minus 1/2, from the box's first column on.
     """
     one = vec.f32(1.0)
-    left, right = _limit_by_edge(box_left, box_right, edges, 0, row_in_box)
+    left, right = _limit_by_edge(box_left_limit, box_right_limit, edges, 0, row_in_box)
     left, right = _limit_by_edge(left, right, edges, 1, row_in_box)
     left, right = _limit_by_edge(left, right, edges, 2, row_in_box)
-    # A nearly horizontal edge may limit a row anywhere: minimum and maximum keep its limits within int32. left is at
-    # least -1/2, so that both sums are positive or 0, where to_i32 is floor.
-    begin = vec.to_i32(vec.minimum(left, box_right) + one)
+    # A nearly horizontal edge may limit a row anywhere: minimum and maximum keep its limits within int32.
+    # left is at least -1/2, and right + 1 is cut at 0: to_i32 rounds toward 0, which is floor from 0 on.
+    begin = vec.to_i32(vec.minimum(left, box_right_limit) + one)
     end = vec.to_i32(vec.maximum(right + one, vec.f32(0.0)))
     return begin, vec.maximum(end - begin, vec.i32(0))
 
 
 @inlined
-def _limit_by_edge(left: F32x8, right: F32x8, edges: _RowEdges, k: I64, row_in_box: F32x8) -> F32x8x2:
-    """Return the column limits of eight rows, narrowed to the inner side of edge ``k``."""
+def _limit_by_edge(left: F32x8, right: F32x8, edges: _ScanlineEdges, k: I64, row_in_box: F32x8) -> F32x8x2:
+    """Return the column limits of eight rows, narrowed to the inner side of edge ``k``.
+
+    Why float32 is exact:
+
+    - Edge functions change by multiples of 256 per column and row. So e >> 8, which has the sign of e, changes by
+      exactly de >> 8 = dx, an integer of at most 129 x 256 (128 rows of centres span less than 129 pixels).
+    - edge_value = (e >> 8) + 1/2 is exact: e >> 8 is below 2^23, also in the up to seven rows above and below the box
+      that groups of eight rows add (``MAX_SMALL_HEIGHT``).
+    - It is never 0: column c is inside where edge_value + c dx > 0.
+    - A horizontal edge, dx = 0, covers all columns of a row or none: its limit is -inf or +inf.
+    - For others, q = -edge_value / dx differs from every integer by at least (1/2) / |dx| > 15.1e-6.
+    - It is computed as edge_value * (-1 / dx), with two roundings of 2^-24 each: where |q| <= 64, as in the box, the
+      error is at most 64 x 2^-23 < 7.7e-6. Farther out, a relative error so small does not bring q back into the box.
+    - So the computed q is more than 7.4e-6 away from integers. q + 1, below 128, is rounded by at most 2^-18 < 3.9e-6:
+      its floor is right.
+    """
     edge_value = edges.base[k] + edges.dy[k] * row_in_box
     # NaN limits nothing: if either argument is NaN, minimum and maximum return the second one.
-    left = vec.maximum(edge_value * edges.left_scale[k], left)
-    return left, vec.minimum(edge_value * edges.right_scale[k], right)
+    left = vec.maximum(edge_value * edges.left_minus_inverse_dx[k], left)
+    return left, vec.minimum(edge_value * edges.right_minus_inverse_dx[k], right)
 
 
 @inlined
 def _block_masks(begin: I32x8, column_count: I32x8) -> tuple[I64, I64]:
-    """Return the two masks, as PreparedTriangle.blocks, of the blocks of eight rows with any covered column.
+    """Return the two masks, as SmallTriangleSpans.block_masks, of the blocks of eight rows with any covered column.
 
     Args:
         begin, column_count: the rows' first covered columns, counted from the first block's first, and their number.
     """
     column_bits, none = vec.i32(_COLUMN_BITS), vec.i32(0)
-    # Bit b of a lane is block b of a row: ones from the first covered block up to the last, the end rounded up.
+    # Bit b of a lane is block b of a row: ones from the block of the first covered column up to that of the last.
     end = begin + column_count + vec.i32(vec.LANES - 1)
     blocks = (vec.i32(1) << (end >> column_bits)) - (vec.i32(1) << (begin >> column_bits))
     blocks = vec.select(column_count > none, blocks, none)
@@ -256,20 +261,20 @@ def _block_masks(begin: I32x8, column_count: I32x8) -> tuple[I64, I64]:
 
 @inlined
 def _draw_block(
-    frame: RasterFrame, layer: Layer, depth_rule: I64, prepared: PreparedTriangle, block_top: I64, block_left: I64
+    frame: RasterFrame, layer: Layer, depth_rule: I64, spans: SmallTriangleSpans, block_top: I64, block_left: I64
 ) -> None:
-    """Draw a block; its first row and column are counted from ``prepared.groups_top`` and ``prepared.blocks_left``."""
-    triangle = prepared.triangle
+    """Draw a block, whose first row and column are counted from ``spans``' first group row and block column."""
+    triangle = spans.triangle
     inv_z_min, inv_z_max, ids = vec.f32(triangle.inv_z_min), vec.f32(triangle.inv_z_max), vec.i32(triangle.id)
-    columns_in_box = vec.i32(prepared.blocks_left_in_box + block_left) + vec.iota()
+    columns_in_box = vec.i32(spans.first_block_column_in_box + block_left) + vec.iota()
     column_inv_z = vec.f32(triangle.inv_z_dx) * vec.to_f32(columns_in_box)
-    row_in_layer = prepared.groups_top + block_top - layer.first_row
-    pixel = row_in_layer * frame.stride + prepared.blocks_left + block_left
-    for row in range(block_top, min(block_top + _BLOCK_ROWS, prepared.row_count)):
-        inv_z = vec.f32(prepared.row_inv_z[row]) + column_inv_z
+    row_in_layer = spans.first_group_row + block_top - layer.first_row
+    pixel = row_in_layer * frame.stride + spans.first_block_column + block_left
+    for row in range(block_top, min(block_top + _BLOCK_ROWS, spans.row_count)):
+        inv_z = vec.f32(spans.row_inv_z[row]) + column_inv_z
         inv_z = vec.minimum(vec.maximum(inv_z, inv_z_min), inv_z_max)
         # One comparison of unsigned numbers tells whether a column is in the span.
-        column_in_span = columns_in_box - vec.i32(prepared.row_begin_in_box[row])
-        covered = vec.less_unsigned(column_in_span, vec.i32(prepared.row_column_count[row]))
+        column_in_span = columns_in_box - vec.i32(spans.row_begin_in_box[row])
+        covered = vec.less_unsigned(column_in_span, vec.i32(spans.row_column_count[row]))
         depth_test(frame, layer, depth_rule, pixel, inv_z, covered, ids)
         pixel += frame.stride

@@ -10,14 +10,14 @@ from renderers.compiler.device_function import inlined
 from renderers.compiler.kernel_types import I64, f32
 from renderers.compiler.simd import F32x8, I32x8, Mask8
 from renderers.raster.grid import Box
-from renderers.raster.layout import BACK_BIT, MAX_TINY_PIXELS, TINY_SIDE, Chunk, RasterFrame
+from renderers.raster.layout import BACK_BIT, MAX_TINY_FRAGMENTS, TINY_SIDE, Chunk, RasterFrame
 from renderers.raster.triangle_geometry import EightTriangles
 
 
 @inlined
 def can_rasterize_tiny(frame: RasterFrame, chunk: Chunk) -> bool:
     """Return whether a Chunk has room for the pixels of eight tiny triangles, and pixels have one sample."""
-    return frame.samples == 1 and chunk.pixel_count <= MAX_TINY_PIXELS - vec.LANES * TINY_SIDE * TINY_SIDE
+    return frame.samples == 1 and chunk.fragment_count <= MAX_TINY_FRAGMENTS - vec.LANES * TINY_SIDE * TINY_SIDE
 
 
 @inlined
@@ -47,7 +47,7 @@ def rasterize_tiny(
     usual_side = vec.i32(TINY_SIDE - 1)
     is_wide = (box.right - box.left > usual_side) | (box.bottom - box.top > usual_side)
     side = TINY_SIDE if vec.movemask(tiny & is_wide) != 0 else TINY_SIDE - 1
-    count = chunk.pixel_count
+    count = chunk.fragment_count
     row_e0, row_e1, row_e2 = edges.base
     for row in range(side):
         row_inv_z = plane.base + plane.dy * vec.f32(f32(row))
@@ -60,7 +60,7 @@ def rasterize_tiny(
             count = _append_pixels(chunk, count, covered, pixels, inv_z, ids)
             e0, e1, e2 = e0 + edges.dx[0], e1 + edges.dx[1], e2 + edges.dx[2]
         row_e0, row_e1, row_e2 = row_e0 + edges.dy[0], row_e1 + edges.dy[1], row_e2 + edges.dy[2]
-    chunk.pixel_count = count
+    chunk.fragment_count = count
 
 
 @inlined
@@ -70,9 +70,9 @@ def _append_pixels(chunk: Chunk, count: I64, covered: Mask8, pixels: I32x8, inv_
     Without a branch, since coverage cannot be predicted. Up to seven values beyond the last are overwritten.
 
     Args:
-        pixels: as Chunk.pixels.
+        pixels: as Chunk.fragment_pixels.
     """
-    vec.store(chunk.pixels, count, vec.compress(covered, pixels))
-    vec.store(chunk.pixel_inv_z, count, vec.compress(covered, inv_z))
-    vec.store(chunk.pixel_ids, count, vec.compress(covered, ids))
+    vec.store(chunk.fragment_pixels, count, vec.compress(covered, pixels))
+    vec.store(chunk.fragment_inv_z, count, vec.compress(covered, inv_z))
+    vec.store(chunk.fragment_ids, count, vec.compress(covered, ids))
     return count + vec.count_bits(vec.movemask(covered))

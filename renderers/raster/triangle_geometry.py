@@ -52,7 +52,7 @@ class Corners(NamedTuple):
     x: F32x8x3
     """Pixels."""
     y: F32x8x3
-    w: F32x8x3
+    inv_z: F32x8x3
     """1/z, or BEHIND or OUTSIDE."""
 
 

@@ -2,7 +2,7 @@
 
     vertices of a draw ─▶ corners ─▶ on the grid of 1/256 pixel ─▶ box ─▶ by size:
 
-        tiny    at most 4 x 4 pixels      drawn at once: ``tiny_triangles`` appends their pixels to the Chunk
+        tiny    at most 4 x 4 pixels      ``tiny_triangles``: fragments in the Chunk, if it has room
         small   at most 64 x 128          SmallTriangle: edge functions in int32, plane of 1/z in float32
         large   or to be clipped          Primitive, one by one: ``primitive_setup``
 
@@ -50,70 +50,70 @@ from renderers.raster.triangle_geometry import (
 )
 from renderers.shading.vec3 import select3
 
-_field_rows_array = stack_array(I32, SMALL_FIELD_COUNT * vec.LANES)
+_transposed_array = stack_array(I32, SMALL_FIELD_COUNT * vec.LANES)
 
 
-class _Chosen(NamedTuple):
+class _LaneMasks(NamedTuple):
     """Which of eight triangles become primitives, a bit for each."""
 
     small: I64
-    single: I64
+    one_by_one: I64
     """Large, or to be clipped: set up one by one."""
-    culled: I64
-    """Back faces that the draw culls, which means nothing outside ``small``. Those still in ``small`` are kept."""
+    kept_back: I64
+    """Those of ``small`` that are back faces, which go to bins of their own; other bits mean nothing."""
 
 
 @device_function
 def set_up_triangles(frame: RasterFrame, draw_index: I64, begin: I64, end: I64, chunk: Chunk) -> None:
     """Set up the triangles ``begin .. end`` of a draw's mesh, and append what may be visible to a Chunk."""
     vertices = advance(frame.vertices, 4 * frame.draws[draw_index].first_vertex)
-    for first_mesh_index in range(begin, end, vec.LANES):
+    for first_triangle in range(begin, end, vec.LANES):
+        count = min(end - first_triangle, vec.LANES)
         # Inlined: a call would cost a fifth of the time of triangles that are not visible.
-        count = min(end - first_mesh_index, vec.LANES)
-        _set_up_eight_triangles(frame, draw_index, vertices, first_mesh_index, count, chunk)
+        _set_up_eight_triangles(frame, draw_index, vertices, first_triangle, count, chunk)
 
 
 @inlined
 def _set_up_eight_triangles(
-    frame: RasterFrame, draw_index: I64, vertices: Pointer[F32], first_mesh_index: I64, count: I64, chunk: Chunk
+    frame: RasterFrame, draw_index: I64, vertices: Pointer[F32], first_triangle: I64, count: I64, chunk: Chunk
 ) -> None:
-    """Set up ``count`` triangles of a draw, at most eight, from ``first_mesh_index`` of its mesh on.
+    """Set up ``count`` triangles of a draw, at most eight, from ``first_triangle`` of its mesh on.
 
     Args:
         vertices: the draw's vertices, as for ``load_triangles``.
     """
     draw = frame.draws[draw_index]
     # Load; drop what is behind the camera or beyond the far plane.
-    corners = load_triangles(draw, first_mesh_index, count, vertices)
-    in_view, needs_clipping = _is_in_view(frame, corners.w, count), _needs_clipping(corners.w, count)
+    corners = load_triangles(draw, first_triangle, count, vertices)
+    in_view, needs_clipping = _is_in_view(frame, corners.inv_z, count), _needs_clipping(corners.inv_z, count)
     if vec.movemask(in_view | needs_clipping) == 0:
         return
 
     # Snap; drop what is off the image. Lanes not in view may hold infinities, which to_i32 cannot convert: 0 instead.
     zeros = vec.f32(0.0), vec.f32(0.0), vec.f32(0.0)
-    corners = Corners(select3(in_view, corners.x, zeros), select3(in_view, corners.y, zeros), corners.w)
+    corners = Corners(select3(in_view, corners.x, zeros), select3(in_view, corners.y, zeros), corners.inv_z)
     gx, gy = snap_to_grid_3(corners.x), snap_to_grid_3(corners.y)
     box = bounding_box(gx, gy, frame.sample_reach)
     in_image = in_view & overlaps_image(frame, box)
 
     # Tell small from large.
-    fits_small = _fits_small(box, corners.w)
-    single_bits = vec.movemask((in_image & ~fits_small) | needs_clipping)
+    fits_small = _fits_small(box, corners.inv_z)
+    one_by_one_bits = vec.movemask((in_image & ~fits_small) | needs_clipping)
 
-    # Cull small ones. The area of others overflows int32; primitive_setup culls these.
+    # Cull small ones. The area of large ones may overflow int32; primitive_setup culls these.
     area = (gx[1] - gx[0]) * (gy[2] - gy[0]) - (gx[2] - gx[0]) * (gy[1] - gy[0])
     is_counterclockwise = area < vec.i32(0)
-    sign = vec.select(is_counterclockwise, vec.i32(-1), vec.i32(1))
-    is_culled = sign == vec.i32(draw.culled_sign)
-    small = in_image & fits_small & (area != vec.i32(0)) & (sign != vec.i32(draw.hidden_sign))
+    winding = vec.select(is_counterclockwise, vec.i32(-1), vec.i32(1))
+    is_culled = winding == vec.i32(draw.culled_area_sign)
+    small = in_image & fits_small & (area != vec.i32(0)) & (winding != vec.i32(draw.hidden_area_sign))
     if frame.first_back_bin == 0:  # culled faces are not kept
         small = small & ~is_culled
-    if vec.movemask(small) == 0 and single_bits == 0:
+    if vec.movemask(small) == 0 and one_by_one_bits == 0:
         return
 
     # Edge functions, of corners in clockwise order, and planes of 1/z.
     triangles = EightTriangles(
-        ids=vec.i32(draw.first_id + first_mesh_index) + vec.iota(),
+        ids=vec.i32(draw.first_id + first_triangle) + vec.iota(),
         box=box,
         edges=edge_functions(_swap_last_two(is_counterclockwise, gx), _swap_last_two(is_counterclockwise, gy), box),
         plane=inv_z_plane(corners, box),
@@ -126,33 +126,34 @@ def _set_up_eight_triangles(
         if vec.movemask(tiny) != 0:
             rasterize_tiny(frame, triangles, tiny, is_culled, chunk)
             small_bits &= ~vec.movemask(tiny)
-    if small_bits | single_bits != 0:
-        field_rows = _field_rows_array()
-        _store_field_rows(field_rows, triangles)
-        chosen = _Chosen(small=small_bits, single=single_bits, culled=vec.movemask(is_culled))
-        _append_primitives(frame, draw_index, first_mesh_index, chosen, field_rows, chunk)
+    if small_bits | one_by_one_bits != 0:
+        transposed = _transposed_array()
+        _store_transposed(transposed, triangles)
+        masks = _LaneMasks(small=small_bits, one_by_one=one_by_one_bits, kept_back=vec.movemask(is_culled))
+        _append_primitives(frame, draw_index, first_triangle, masks, transposed, chunk)
 
 
 @inlined
-def _is_in_view(frame: RasterFrame, w: F32x8x3, count: I64) -> Mask8:
+def _is_in_view(frame: RasterFrame, inv_z: F32x8x3, count: I64) -> Mask8:
     """Return which of the first ``count`` triangles have all corners beyond the near plane and in the guard band, and
     any before the far plane."""
     is_used = vec.iota() < vec.i32(count)
-    return is_used & (minimum_of_3(w) > vec.f32(0.0)) & (maximum_of_3(w) >= vec.f32(frame.inv_z_far))
+    return is_used & (minimum_of_3(inv_z) > vec.f32(0.0)) & (maximum_of_3(inv_z) >= vec.f32(frame.inv_z_far))
 
 
 @inlined
-def _needs_clipping(w: F32x8x3, count: I64) -> Mask8:
-    """Return which of the first ``count`` triangles cross the near plane or leave the guard band."""
+def _needs_clipping(inv_z: F32x8x3, count: I64) -> Mask8:
+    """Return which of the first ``count`` triangles have a corner before the near plane or outside the guard band, but
+    not all before the near plane."""
     is_used = vec.iota() < vec.i32(count)
-    return is_used & (minimum_of_3(w) < vec.f32(0.0)) & (maximum_of_3(w) > vec.f32(BEHIND))
+    return is_used & (minimum_of_3(inv_z) < vec.f32(0.0)) & (maximum_of_3(inv_z) > vec.f32(BEHIND))
 
 
 @inlined
-def _fits_small(box: Box[I32x8], w: F32x8x3) -> Mask8:
-    """Return the triangles whose edge functions fit int32, and 1/z float32."""
+def _fits_small(box: Box[I32x8], inv_z: F32x8x3) -> Mask8:
+    """Return the triangles whose edge functions fit int32, and whose plane of 1/z is exact enough in float32."""
     fits = (box.right - box.left <= vec.i32(MAX_SMALL_WIDTH)) & (box.bottom - box.top <= vec.i32(MAX_SMALL_HEIGHT))
-    return fits & (maximum_of_3(w) <= minimum_of_3(w) * vec.f32(MAX_SMALL_DEPTH_RATIO))
+    return fits & (maximum_of_3(inv_z) <= minimum_of_3(inv_z) * vec.f32(MAX_SMALL_DEPTH_RATIO))
 
 
 @inlined
@@ -162,7 +163,7 @@ def _swap_last_two(swapped: Mask8, corners: I32x8x3) -> I32x8x3:
 
 
 @inlined
-def _store_field_rows(rows: Pointer[I32], triangles: EightTriangles) -> None:
+def _store_transposed(rows: Pointer[I32], triangles: EightTriangles) -> None:
     """Write eight SmallTriangles, transposed: a row of (SMALL_FIELD_COUNT, 8) for each field."""
     ids, box, edges, plane = triangles
     high_half = vec.i32(16)
@@ -193,23 +194,23 @@ def _store_row(rows: Pointer[I32], field: I64, values: I32x8) -> None:
 
 @inlined
 def _append_primitives(
-    frame: RasterFrame, draw_index: I64, first_mesh_index: I64, chosen: _Chosen, field_rows: Pointer[I32], chunk: Chunk
+    frame: RasterFrame, draw_index: I64, first_triangle: I64, masks: _LaneMasks, transposed: Pointer[I32], chunk: Chunk
 ) -> None:
-    """Append the chosen triangles to a Chunk in the order of their lanes; ``first_mesh_index``: of lane 0."""
-    pending = chosen.small | chosen.single
+    """Append the masks triangles to a Chunk in the order of their lanes; ``first_triangle``: that of lane 0."""
+    pending = masks.small | masks.one_by_one
     while pending != 0:
         lane = vec.lowest_bit(pending)
         bit = i64(1) << lane
         pending &= pending - 1
         primitive = chunk.primitives[chunk.count]
-        if bit & chosen.small:
+        if bit & masks.small:
             values = i32_at(address(primitive))
             for field in range(SMALL_FIELD_COUNT):
-                values[field] = field_rows[vec.LANES * field + lane]
+                values[field] = transposed[vec.LANES * field + lane]
             _, top, _, row_count = box_of(SmallTriangle(address(primitive)))
-            base_bin = frame.first_back_bin if bit & chosen.culled else 0
+            base_bin = frame.first_back_bin if bit & masks.kept_back else 0
             first_bin, last_bin = bin_range(max(top, 0), min(top + row_count, frame.height), base_bin)
         else:
-            first_bin, last_bin = set_up_single_triangle(frame, draw_index, first_mesh_index + lane, primitive)
-            primitive.id = frame.draws[draw_index].first_id + first_mesh_index + lane
+            first_bin, last_bin = set_up_single_triangle(frame, draw_index, first_triangle + lane, primitive)
+            primitive.id = frame.draws[draw_index].first_id + first_triangle + lane
         append_primitive(chunk, first_bin, last_bin)
