@@ -1,7 +1,7 @@
 """Set-up of spans: attributes of eight spans at a time, as linear functions of the pixel.
 
 In: the spans of a Segment, each with its first pixel and the primitive that it sees, and the vertices of the mesh.
-Out: for each attribute, two values a span, in rows of Spans:
+Out: for each attribute and for the sum of the weights, two values a span, in rows of Spans:
 
     weighted sum
         │            ·     start + change * (pixel - first pixel)
@@ -9,7 +9,8 @@ Out: for each attribute, two values a span, in rows of Spans:
         │  ·               start, change: sums of the attribute at the three vertices, weighted as ``span_weights`` says
         └─────────────── pixels of the span
 
-``interpolation`` divides by the sum of the weights at each pixel, which makes the attributes perspective-correct.
+Weighted attribute and sum of the weights are each linear in the pixel. ``interpolation`` divides one by the other, so
+that attributes are perspective-correct.
 """
 
 from __future__ import annotations
@@ -46,12 +47,12 @@ _E_BITANGENT_SIGN: Final = E_TANGENT + 3
 _COLOR_COLUMNS: Final = 4
 _ALL_LANES: Final = (1 << vec.LANES) - 1
 _PREFETCH_MIN_PRIMITIVES: Final = 1 << 16
-"""Number of primitives from which an instance's vertices are prefetched: two megabytes of them."""
+"""Number of primitives from which an instance's vertices are prefetched: they have a megabyte or more."""
 Columns = TypeVar("Columns", F32x8x4, F32x8x8)
 """Colours, or V_COLUMNS or E_COLUMNS values, of one vertex of each of eight primitives."""
 
 
-class Corners(NamedTuple, Generic[Columns]):
+class CornerAttributes(NamedTuple, Generic[Columns]):
     """Attributes at the three vertices of eight primitives."""
 
     a: Columns
@@ -60,20 +61,12 @@ class Corners(NamedTuple, Generic[Columns]):
 
 
 class CornerIndices(NamedTuple):
-    """Indices of the three vertices of eight primitives: those of lane k are ``a[places[k]]``, b and c alike."""
+    """Indices of the three vertices of eight primitives: those of lane k are ``a[first_index[k]]``, b and c alike."""
 
     a: Pointer[U32]
     b: Pointer[U32]
     c: Pointer[U32]
-    places: I32x8
-
-
-class RowWeights(NamedTuple):
-    """Weights of the three vertices for both halves of a field's rows in Spans: at the first pixel and the change per
-    pixel, or, for gradients, the changes per column and per row."""
-
-    first_half: F32x8x3
-    second_half: F32x8x3
+    first_index: I32x8
 
 
 @device_function
@@ -92,7 +85,7 @@ def set_up_spans(segment: Segment, first_span: I64, part_end_span: I64, end_span
 
 @kernel
 def set_up_part(segment_address: Address, first_span: I64, part_end_span: I64, end_span: I64) -> None:
-    """Kernel behind ``set_up_spans``, compiled once for all looks; the result is ``Segment.has_constant_normals``."""
+    """Kernel behind ``set_up_spans``, compiled once for all shaders; the result is ``Segment.has_constant_normals``."""
     segment, has_constant_normals = Segment(segment_address), True
     prefetches = segment.instance.topology == TRIANGLES and segment.end_id - segment.first_id > _PREFETCH_MIN_PRIMITIVES
     for span in range(first_span, part_end_span, vec.LANES):
@@ -120,24 +113,24 @@ def _prefetch(segment: Segment, span: I64, end_span: I64) -> None:
 
 
 @device_function
-def _set_up_eight_spans(segment: Segment, span: I64, count: I64, at: I64) -> bool:
-    """Set up ``count`` spans, 1 to 8, from ``span`` on, as the values ``at .. at + 8`` of the rows of Spans.
+def _set_up_eight_spans(segment: Segment, span: I64, count: I64, slot: I64) -> bool:
+    """Set up ``count`` spans, 1 to 8, from ``span`` on, into the values ``slot .. slot + 8`` of each row of Spans.
 
     Returns:
         True if the normal is constant along each span.
     """
     spans, material, attributes = segment.spans, segment.material, segment.attributes
-    # Pixels and primitive. Lanes beyond the last span repeat it: the ids there belong to other instances.
+    # Pixels and primitive. Lanes beyond the last span get its values: what follows it may belong to other instances.
     lane = vec.minimum(vec.iota(), vec.i32(count - 1))
     primitive_id = vec.permute(vec.load(segment.span_ids, span), lane)
     first_pixel = vec.permute(vec.load(segment.span_starts, span), lane)
     end_pixel = vec.permute(vec.load(segment.span_starts, span + 1), lane)
-    step_count = vec.to_f64(end_pixel - first_pixel - vec.i32(1))
+    pixel_steps = vec.to_f64(end_pixel - first_pixel - vec.i32(1))
     first_column = first_pixel
     if segment.columns != 0:
         first_column = vec.gather(i32_at(segment.columns), first_pixel)
 
-    # Vertices, in the optical frame.
+    # Vertices, in the camera's optical frame: x right, y down, z forward.
     corner_indices = _corner_indices(segment, primitive_id)
     corners = _load_eight_columns(segment.instance.vertices, corner_indices)
     p0 = transform_points(segment.X_camera_mesh, corners.a)
@@ -145,74 +138,77 @@ def _set_up_eight_spans(segment: Segment, span: I64, count: I64, at: I64) -> boo
     p2 = transform_points(segment.X_camera_mesh, corners.c)
 
     # Weights.
-    rays = rays_of(segment.job, segment.y, first_column, step_count)
+    rays = rays_of(segment.job, segment.y, first_column, pixel_steps)
     matrix, determinant, sign = weight_matrix(segment.instance.topology, p0, p1, p2, rays)
-    weights = scaled_weights(matrix, sign, rays, step_count, segment.job)
-    along_span = RowWeights(first_half=weights.first, second_half=weights.per_pixel)
+    weights = scaled_weights(matrix, sign, rays, pixel_steps, segment.job)
     # A positive determinant: the corners run clockwise as seen, so the back is visible, unless the transform mirrors.
     mirror = vec.f32(segment.matrices.mirror)
     facing = vec.select(determinant > vec.f64(0.0), -mirror, mirror)
 
     # Attributes that the mesh has and the material reads.
-    vec.store(spans.first_column, at, vec.to_f32(first_column))
-    vec.store(spans.facing, at, facing)
-    _store_weight_sums(advance(spans.weight_sum, at), along_span)
+    vec.store(spans.first_column, slot, vec.to_f32(first_column))
+    vec.store(spans.facing, slot, facing)
+    _store_weight_sums(advance(spans.weight_sum, slot), weights.first, weights.per_pixel)
     has_constant_normals = True
     if attributes & HAS_NORMALS:
-        has_constant_normals = _store_normals(segment, at, along_span, corners, facing)
+        has_constant_normals = _store_normals(segment, slot, weights, corners, facing)
     if not attributes & HAS_NORMALS or segment.job.has_flat_normals != 0:
-        _store_flat_normals(segment, at, p0, p1, p2, sign)
+        _store_flat_normals(segment, slot, p0, p1, p2, sign)
     if attributes & HAS_UV0:
-        _store_attributes(advance(spans.uv, at), 2, along_span, corners, V_UV0)
+        _store_attributes(advance(spans.uv, slot), 2, weights.first, weights.per_pixel, corners, V_UV0)
     if segment.job.has_points != 0:
         inv_depth, change_to_last = inverse_depths(matrix, determinant, sign, rays, (p0[2], p1[2], p2[2]))
-        vec.store(spans.inv_depth, at, vec.to_f32(inv_depth))
-        vec.store(spans.inv_depth, SPAN_STRIDE + at, vec.to_f32(change_to_last / vec.maximum(step_count, vec.f64(1.0))))
+        vec.store(spans.inv_depth, slot, vec.to_f32(inv_depth))
+        vec.store(
+            spans.inv_depth, SPAN_STRIDE + slot, vec.to_f32(change_to_last / vec.maximum(pixel_steps, vec.f64(1.0)))
+        )
     if material.has_gradients != 0:
-        _store_gradients(segment, at, weights, corners)
+        _store_gradients(segment, slot, weights, corners)
     if attributes & HAS_COLORS:
         colors = _load_colors(segment.instance.colors, corner_indices)
-        _store_attributes(advance(spans.color, at), _COLOR_COLUMNS, along_span, colors, 0)
+        _store_attributes(advance(spans.color, slot), _COLOR_COLUMNS, weights.first, weights.per_pixel, colors, 0)
     if attributes & (HAS_UV1 | HAS_TANGENTS):
-        _store_extras(segment, at, weights, _load_eight_columns(segment.instance.extras, corner_indices))
+        _store_extras(segment, slot, weights, _load_eight_columns(segment.instance.extras, corner_indices))
     return has_constant_normals
 
 
 @inlined
 def _corner_indices(segment: Segment, primitive_id: I32x8) -> CornerIndices:
-    """Return where the vertices of eight primitives are. Lines and points repeat the last one."""
+    """Return where the vertices of eight primitives are. The last vertex of lines and points counts twice or thrice."""
     indices, topology = segment.instance.indices, segment.instance.topology
     b, c = advance(indices, min(topology, 2) - 1), advance(indices, topology - 1)
     return CornerIndices(indices, b, c, (primitive_id - vec.i32(segment.first_id)) * vec.i32(topology))
 
 
 @inlined
-def _load_eight_columns(table: Pointer[F32], corner_indices: CornerIndices) -> Corners[F32x8x8]:
+def _load_eight_columns(table: Pointer[F32], corner_indices: CornerIndices) -> CornerAttributes[F32x8x8]:
     """Return the vertices' values in a table of eight columns."""
-    a, b, c, places = corner_indices
-    return Corners(vec.load_rows(table, a, places), vec.load_rows(table, b, places), vec.load_rows(table, c, places))
-
-
-@inlined
-def _load_colors(colors: Pointer[F32], corner_indices: CornerIndices) -> Corners[F32x8x4]:
-    """Return the vertices' colours."""
-    a, b, c, places = corner_indices
-    columns = vec.i32(_COLOR_COLUMNS)
-    return Corners(
-        vec.load_quads(colors, vec.gather(a, places) * columns),
-        vec.load_quads(colors, vec.gather(b, places) * columns),
-        vec.load_quads(colors, vec.gather(c, places) * columns),
+    a, b, c, first_index = corner_indices
+    return CornerAttributes(
+        vec.load_rows(table, a, first_index), vec.load_rows(table, b, first_index), vec.load_rows(table, c, first_index)
     )
 
 
 @inlined
-def _weighted_sum(weights: F32x8x3, corners: Corners[Columns], k: I64) -> F32x8:
+def _load_colors(colors: Pointer[F32], corner_indices: CornerIndices) -> CornerAttributes[F32x8x4]:
+    """Return the vertices' colours."""
+    a, b, c, first_index = corner_indices
+    columns = vec.i32(_COLOR_COLUMNS)
+    return CornerAttributes(
+        vec.load_quads(colors, vec.gather(a, first_index) * columns),
+        vec.load_quads(colors, vec.gather(b, first_index) * columns),
+        vec.load_quads(colors, vec.gather(c, first_index) * columns),
+    )
+
+
+@inlined
+def _weighted_sum(weights: F32x8x3, corners: CornerAttributes[Columns], k: I64) -> F32x8:
     """Return the weighted sum of value ``k``."""
     return weights[0] * corners.a[k] + weights[1] * corners.b[k] + weights[2] * corners.c[k]
 
 
 @inlined
-def _weighted_sum3(weights: F32x8x3, corners: Corners[F32x8x8], k: I64) -> F32x8x3:
+def _weighted_sum3(weights: F32x8x3, corners: CornerAttributes[F32x8x8], k: I64) -> F32x8x3:
     """Return the weighted sums of the values k, k + 1 and k + 2."""
     return (
         _weighted_sum(weights, corners, k),
@@ -223,25 +219,32 @@ def _weighted_sum3(weights: F32x8x3, corners: Corners[F32x8x8], k: I64) -> F32x8
 
 @inlined
 def _store_attributes(
-    rows: Pointer[F32], count: I64, row_weights: RowWeights, corners: Corners[Columns], first_value: I64
+    rows: Pointer[F32],
+    count: I64,
+    first: F32x8x3,
+    second: F32x8x3,
+    corners: CornerAttributes[Columns],
+    first_value: I64,
 ) -> None:
-    """Store the weighted sums of ``count`` values: ``count`` rows for each half."""
+    """Store the sums of ``count`` values by the weights ``first`` in as many rows, those by ``second`` in the next."""
     for j in range(count):
-        vec.store(rows, j * SPAN_STRIDE, _weighted_sum(row_weights.first_half, corners, first_value + j))
-        vec.store(rows, (count + j) * SPAN_STRIDE, _weighted_sum(row_weights.second_half, corners, first_value + j))
+        vec.store(rows, j * SPAN_STRIDE, _weighted_sum(first, corners, first_value + j))
+        vec.store(rows, (count + j) * SPAN_STRIDE, _weighted_sum(second, corners, first_value + j))
 
 
 @inlined
-def _store_weight_sums(rows: Pointer[F32], row_weights: RowWeights) -> None:
-    """Store the sums of the weights themselves, one row for each half."""
-    vec.store(rows, 0, row_weights.first_half[0] + row_weights.first_half[1] + row_weights.first_half[2])
-    vec.store(rows, SPAN_STRIDE, row_weights.second_half[0] + row_weights.second_half[1] + row_weights.second_half[2])
+def _store_weight_sums(rows: Pointer[F32], first: F32x8x3, second: F32x8x3) -> None:
+    """Store the sums of the weights themselves, one row for each of both."""
+    vec.store(rows, 0, first[0] + first[1] + first[2])
+    vec.store(rows, SPAN_STRIDE, second[0] + second[1] + second[2])
 
 
 @inlined
-def _store_normals(segment: Segment, at: I64, along_span: RowWeights, corners: Corners[F32x8x8], facing: F32x8) -> bool:
+def _store_normals(
+    segment: Segment, slot: I64, weights: Weights, corners: CornerAttributes[F32x8x8], facing: F32x8
+) -> bool:
     """Store the normals of vertices; return True if they are constant along each span. ``facing``: as Spans.facing."""
-    normals, matrix, k = advance(segment.spans.normal, at), segment.matrices.normal, V_NORMAL
+    normals, matrix, k = advance(segment.spans.normal, slot), segment.matrices.normal, V_NORMAL
     a, b, c = corners.a, corners.b, corners.c
     is_same = (a[k] == b[k]) & (a[k + 1] == b[k + 1]) & (a[k + 2] == b[k + 2])
     is_same = is_same & (a[k] == c[k]) & (a[k + 1] == c[k + 1]) & (a[k + 2] == c[k + 2])
@@ -249,16 +252,16 @@ def _store_normals(segment: Segment, at: I64, along_span: RowWeights, corners: C
     zero = vec.f32(0.0)
     start, change = (a[k], a[k + 1], a[k + 2]), (zero, zero, zero)
     if not is_constant:
-        start = _weighted_sum3(along_span.first_half, corners, k)
-        change = _weighted_sum3(along_span.second_half, corners, k)
+        start = _weighted_sum3(weights.first, corners, k)
+        change = _weighted_sum3(weights.per_pixel, corners, k)
     store3(normals, 0, SPAN_STRIDE, times(transform_directions(matrix, start), facing))
     store3(advance(normals, 3 * SPAN_STRIDE), 0, SPAN_STRIDE, times(transform_directions(matrix, change), facing))
     return is_constant
 
 
 @inlined
-def _store_flat_normals(segment: Segment, at: I64, p0: F64x8x3, p1: F64x8x3, p2: F64x8x3, sign: F64x8) -> None:
-    """Store the unit normals of triangles, without HAS_NORMALS also as those of vertices.
+def _store_flat_normals(segment: Segment, slot: I64, p0: F64x8x3, p1: F64x8x3, p2: F64x8x3, sign: F64x8) -> None:
+    """Store the unit normals of triangles; without HAS_NORMALS, in the rows of vertex normals, too.
 
     Args:
         p0, p1, p2: vertices, metres, optical frame.
@@ -272,39 +275,38 @@ def _store_flat_normals(segment: Segment, at: I64, p0: F64x8x3, p1: F64x8x3, p2:
     scale = vec.select(has_length, (zero - sign) / vec.select(has_length, length, one), zero)
     normal = to_f32x3(times(plane_normal, scale))
     if not segment.attributes & HAS_NORMALS:
-        store3(advance(spans.normal, at), 0, SPAN_STRIDE, normal)
+        store3(advance(spans.normal, slot), 0, SPAN_STRIDE, normal)
         no_change = vec.f32(0.0), vec.f32(0.0), vec.f32(0.0)
-        store3(advance(spans.normal, 3 * SPAN_STRIDE + at), 0, SPAN_STRIDE, no_change)
-    store3(advance(spans.flat_normal, at), 0, SPAN_STRIDE, normal)
+        store3(advance(spans.normal, 3 * SPAN_STRIDE + slot), 0, SPAN_STRIDE, no_change)
+    store3(advance(spans.flat_normal, slot), 0, SPAN_STRIDE, normal)
 
 
 @device_function
-def _store_gradients(segment: Segment, at: I64, weights: Weights, corners: Corners[F32x8x8]) -> None:
+def _store_gradients(segment: Segment, slot: I64, weights: Weights, corners: CornerAttributes[F32x8x8]) -> None:
     """Store how the sum of the weights and the weighted sum of uv0 change per column and per row of the image."""
-    in_image = RowWeights(first_half=weights.per_column, second_half=weights.per_row)
-    _store_weight_sums(advance(segment.spans.weight_sum_gradient, at), in_image)
+    across, down = weights.per_column, weights.per_row
+    _store_weight_sums(advance(segment.spans.weight_sum_gradient, slot), across, down)
     if segment.attributes & HAS_UV0:
-        _store_attributes(advance(segment.spans.uv_gradient, at), 2, in_image, corners, V_UV0)
+        _store_attributes(advance(segment.spans.uv_gradient, slot), 2, across, down, corners, V_UV0)
 
 
 @inlined
-def _store_extras(segment: Segment, at: I64, weights: Weights, extras: Corners[F32x8x8]) -> None:
+def _store_extras(segment: Segment, slot: I64, weights: Weights, extras: CornerAttributes[F32x8x8]) -> None:
     """Store weighted sums of uv1 and of tangents."""
-    spans, uv1 = segment.spans, UV_SET_ROWS * SPAN_STRIDE + at
+    spans, uv1 = segment.spans, UV_SET_ROWS * SPAN_STRIDE + slot
     if segment.attributes & HAS_UV1:
-        along_span = RowWeights(first_half=weights.first, second_half=weights.per_pixel)
-        _store_attributes(advance(spans.uv, uv1), 2, along_span, extras, E_UV1)
+        _store_attributes(advance(spans.uv, uv1), 2, weights.first, weights.per_pixel, extras, E_UV1)
         if segment.material.has_gradients != 0:
-            in_image = RowWeights(first_half=weights.per_column, second_half=weights.per_row)
-            _store_attributes(advance(spans.uv_gradient, uv1), 2, in_image, extras, E_UV1)
+            across, down = weights.per_column, weights.per_row
+            _store_attributes(advance(spans.uv_gradient, uv1), 2, across, down, extras, E_UV1)
     if segment.attributes & HAS_TANGENTS:
-        tangents = advance(spans.tangent, at)
+        tangents = advance(spans.tangent, slot)
         _store_tangents(segment, tangents, weights.first, extras)
         _store_tangents(segment, advance(tangents, 4 * SPAN_STRIDE), weights.per_pixel, extras)
 
 
 @inlined
-def _store_tangents(segment: Segment, rows: Pointer[F32], weights: F32x8x3, extras: Corners[F32x8x8]) -> None:
+def _store_tangents(segment: Segment, rows: Pointer[F32], weights: F32x8x3, extras: CornerAttributes[F32x8x8]) -> None:
     """Store the weighted sums of tangents, in the optical frame, and of the signs of the bitangent."""
     tangents = _weighted_sum3(weights, extras, E_TANGENT)
     store3(rows, 0, SPAN_STRIDE, transform_directions(segment.matrices.tangent, tangents))

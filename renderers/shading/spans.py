@@ -3,7 +3,7 @@
 primitive ids   7 7 7 7 3 3 9 9 9 . . 7     instance A has the ids 0 to 8, instance B those from 9 on
 start bits      1 0 0 0 1 0 1 0 0 1 0 1     ``find_spans``, 64 pixels in a word
 spans           |7      |3  |9    |.  |7
-segments        |A          |B    |   |A    ``next_segment``, which selects an instance and its material
+segments        |A          |B    |   |A    ``next_segment``, which binds an instance and its material
 parts           |           |       |   |   ``next_part``: at most PART pixels of a segment are shaded at a time
 """
 
@@ -50,16 +50,16 @@ class NextSegment(NamedTuple):
     end_span: I64
     """The span after it."""
     instance_index: I64
-    """Index of the instance that it sees; for the background, that of the one before."""
+    """Index of the instance that it sees; for the background, that of the segment before."""
     is_background: bool
-    """True: it sees no primitive, and no instance is selected."""
+    """True: it sees no primitive, and no instance is bound."""
 
 
 class PartEnd(NamedTuple):
-    """What follows a part of a segment."""
+    """End of a part of a segment."""
 
-    pixel: I64
-    span: I64
+    end_pixel: I64
+    end_span: I64
 
 
 def _span_offsets() -> NDArray[np.int32]:
@@ -68,14 +68,14 @@ def _span_offsets() -> NDArray[np.int32]:
 
 
 SPAN_OFFSETS: Final = _span_offsets()
-"""(128, 8): for eight pixels, the index of each pixel's span, counted from the first pixel's span. The row of the table
-has seven start bits: bit k - 1 is that of pixel k."""
+"""(128, 8): for eight pixels, the index of each pixel's span, counted from the first pixel's span. A row's index has
+the start bits of pixels 1 to 7: bit k - 1 is that of pixel k."""
 
 
 @device_function
 def begin_rows(segment: Segment, job: ShadingInputs, width: I64, spans: Spans, pixels: ShadedPixels) -> None:
     """Give a Segment its working memory for rows of at most ``width`` pixels; ``end_rows`` frees it."""
-    max_spans = width + 4 * vec.LANES  # a span has a pixel at least; accesses of eight overrun
+    max_spans = width + 4 * vec.LANES  # a span has a pixel at least; vectors are accessed whole
     segment.job, segment.spans, segment.pixels = job, spans, pixels
     segment.start_bits = i64_at(allocate(8 * (width // _WORD + 3)))
     segment.span_starts, segment.span_ids = i32_at(allocate(4 * max_spans)), i32_at(allocate(4 * max_spans))
@@ -95,8 +95,8 @@ def end_rows(segment: Segment) -> None:
 def find_spans(segment: Segment, y: I64, columns: Address, pixel_ids: Pointer[I32], width: I64) -> I64:
     """Find the spans of a row of pixels; return their number.
 
-    A span also begins at every PART-th pixel, so that the parts of a segment are whole spans, and float32 is accurate
-    along a span.
+    A span also begins at every PART-th pixel of the row, so that the parts of a segment are whole spans, and float32 is
+    accurate along a span.
 
     Args:
         columns: as in Segment. If it is not 0, each pixel is a span of its own.
@@ -120,7 +120,7 @@ def find_spans(segment: Segment, y: I64, columns: Address, pixel_ids: Pointer[I3
 
 @inlined
 def _copy_ids(row_ids: Pointer[I32], pixel_ids: Pointer[I32], width: I64) -> None:
-    """Copy a row's primitive ids behind a vector of _BEYOND_ROW, and add a word of them."""
+    """Copy a row's primitive ids, with a vector of _BEYOND_ROW before them, and a word and a vector of it behind."""
     vec.store(row_ids, 0, vec.i32(_BEYOND_ROW))
     ids = advance(row_ids, vec.LANES)
     for x in range(width):
@@ -143,7 +143,7 @@ def _start_bits(row_ids: Pointer[I32], x: I64) -> I64:
 def _append_spans(segment: Segment, x: I64, bits: I64, count: I64) -> None:
     """Append the spans that begin where bits are set, in the _WORD pixels from ``x`` on, to the ``count`` found so far.
 
-    Eight at a time, since a branch per span would be unpredictable; those beyond the last are overwritten later.
+    Eight at a time, since a branch per span would be unpredictable. What is stored beyond the last span is never used.
     """
     ids, starts, span_ids = advance(segment.row_ids, vec.LANES), segment.span_starts, segment.span_ids
     for first in range(count, count + vec.count_bits(bits), vec.LANES):
@@ -175,7 +175,7 @@ def next_part(segment: Segment, span: I64, begin: I64, end: I64) -> PartEnd:
 
 @device_function
 def next_segment(segment: Segment, span: I64, span_count: I64, instance_index: I64) -> NextSegment:
-    """Select the instance that a span sees, and find the end of its segment.
+    """Bind the instance that a span sees, and find the end of its segment.
 
     Args:
         span: index of the segment's first span in the row.
@@ -188,19 +188,19 @@ def next_segment(segment: Segment, span: I64, span_count: I64, instance_index: I
     is_background = primitive_id < 0
     if not is_background:
         instance_index = instance_of(job.first_ids, job.instance_count, primitive_id, instance_index)
-        _select_instance(segment, instance_index)
+        _bind_instance(segment, instance_index)
         first_id, end_id = segment.first_id, segment.end_id
     for first in range(span, span_count, vec.LANES):
         ids = vec.load(span_ids, first)
-        outside = vec.movemask((ids < vec.i32(first_id)) | (ids >= vec.i32(end_id)))
-        if outside != 0:
-            return NextSegment(min(first + vec.lowest_bit(outside), span_count), instance_index, is_background)
+        other_instance = vec.movemask((ids < vec.i32(first_id)) | (ids >= vec.i32(end_id)))
+        if other_instance != 0:
+            return NextSegment(min(first + vec.lowest_bit(other_instance), span_count), instance_index, is_background)
     return NextSegment(i64(span_count), instance_index, is_background)
 
 
 @device_function
-def _select_instance(segment: Segment, index: I64) -> None:
-    """Set the fields of a segment that depend on the instance, given by its index in the draw list."""
+def _bind_instance(segment: Segment, index: I64) -> None:
+    """Set the fields of a Segment that depend on the instance, given by its index in the draw list."""
     job = segment.job
     instance = job.instances[index]
     material = job.materials[instance.material]
