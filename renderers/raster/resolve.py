@@ -2,7 +2,8 @@
 
     primitive id of a pixel ──▶ instance ──▶ its label, its instance_id    1/z ──▶ depth, infinite where nothing is seen
 
-Eight pixels at a time. Most see the same instance as the pixels before: its range of ids is compared before any search.
+Eight pixels at a time. Most see the same instance as the pixels before: their ids are compared with the range of that
+instance before any search.
 """
 
 from __future__ import annotations
@@ -26,7 +27,7 @@ from renderers.raster.layout import Layer, RasterFrame
 _BACKGROUND_LABEL: Final = int(np.uint32(LABEL_NONE).astype(np.int32))
 _BACKGROUND_INSTANCE_ID: Final = -1
 _PREFETCH_DISTANCE: Final = 1024
-"""Pixels from the one that is written to the one that is prefetched."""
+"""Pixels ahead of those that are written, which are prefetched."""
 
 
 @kernel
@@ -37,7 +38,7 @@ def resolve_band(frame_address: Address, first_row: I64, end_row: I64, band_memo
     for row in range(first_row, end_row):
         pixel, out_pixel = (row - layer.first_row) * frame.stride, row * frame.width
         ids, inv_z = advance(layer.ids, pixel), advance(layer.inv_z, pixel)
-        # A row of one output before the next: the stores to a cache line follow each other.
+        # The whole row of one output, then that of the next: the stores to a cache line follow each other.
         if frame.depth != 0:
             _resolve_depth_row(inv_z, ids, advance(f32_at(frame.depth), out_pixel), frame.width)
         if frame.label != 0:
@@ -90,14 +91,14 @@ def _resolve_instance_row(
     last_index, last_value, first_id, end_id = i64(0), i32(0), i64(0), i64(0)
     for column in range(0, width, vec.LANES):
         eight_ids = vec.load(ids, column)
-        in_last = (eight_ids >= vec.i32(first_id)) & (eight_ids < vec.i32(end_id))
-        values = vec.select(in_last, vec.i32(last_value), vec.i32(background))
-        pending = vec.movemask((eight_ids >= vec.i32(0)) & ~in_last)
-        while pending != 0:  # settle all pixels that see the instance of the first one left
+        sees_last = (eight_ids >= vec.i32(first_id)) & (eight_ids < vec.i32(end_id))
+        values = vec.select(sees_last, vec.i32(last_value), vec.i32(background))
+        pending = vec.movemask((eight_ids >= vec.i32(0)) & ~sees_last)
+        while pending != 0:  # look up the instance of the first pixel left, for all pixels that see it
             primitive_id = i64(ids[column + vec.lowest_bit(pending)])
             last_index = instance_of(first_ids, frame.instance_count, primitive_id, last_index)
             last_value, first_id, end_id = instance_values[last_index], first_ids[last_index], first_ids[last_index + 1]
-            in_last = (eight_ids >= vec.i32(first_id)) & (eight_ids < vec.i32(end_id))
-            values = vec.select(in_last, vec.i32(last_value), values)
-            pending &= ~vec.movemask(in_last)
+            sees_last = (eight_ids >= vec.i32(first_id)) & (eight_ids < vec.i32(end_id))
+            values = vec.select(sees_last, vec.i32(last_value), values)
+            pending &= ~vec.movemask(sees_last)
         _store_columns(out, column, width, values)
