@@ -20,14 +20,14 @@ from renderers.compiler.pointers import address
 from renderers.raster.layout import BANDS, FIRST_PASS, KEPT_BACK_FACES, PHASE_COUNT, SETUP, TRANSFORM, RasterFrame
 from renderers.visibility_buffer import BAND_ROWS
 
-_SPINS: Final = 200
+_SPINS_BEFORE_YIELD: Final = 200
 """Checks of another thread's progress before the thread yields: some microseconds."""
 
 
 @kernel
 def run_phases(frame_address: Address, until_finished: bool) -> None:
-    """Work on a frame together with other threads. A thread may come late, even when nothing is left to do: the
-    RasterFrame must live until all calls have returned, the memory that it points to until the frame is finished.
+    """Work on a frame together with other threads. A thread may come late, and finds nothing left to do. So
+    the RasterFrame must live until all calls have returned; what it points to, until the frame is finished.
 
     Each call takes the next ``band_memory_bytes`` of ``band_memory``. A frame that has such memory gets at most
     ``max_threads`` calls.
@@ -62,7 +62,7 @@ def _wait_for_other_threads(frame: RasterFrame, phase: I64) -> None:
     spins = 0
     while load_acquire(frame.units_done, phase) < frame.unit_counts[phase]:
         spins += 1
-        if spins > _SPINS and frame.yield_function != 0:
+        if spins > _SPINS_BEFORE_YIELD and frame.yield_function != 0:
             yield_at(frame.yield_function)
 
 
@@ -91,7 +91,7 @@ def _draw_shade_resolve(frame: RasterFrame, first_row: I64, end_row: I64, band_m
     """Draw, shade and resolve one band.
 
     Args:
-        band_memory: the thread's own; 0: the frame has a layer of the whole image, and what is in it is shaded later.
+        band_memory: the thread's own; 0: the frame has a layer of the whole image, and no shade_kernel.
     """
     call_kernel(frame.draw_kernel, (address(frame), first_row, end_row, band_memory, FIRST_PASS))
     if frame.shade_kernel != 0:

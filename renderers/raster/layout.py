@@ -50,7 +50,8 @@ CHUNK_WORDS: Final = CHUNK_SIZE + 3 * FRAGMENT_CAPACITY
 MAX_SMALL_WIDTH: Final = 64
 MAX_SMALL_HEIGHT: Final = 128
 """Triangles of at most this many pixel centres across and down, less than 65 x 129 pixels, have edge functions that fit
-int32, also eight columns (``msaa``) and seven rows (``small_triangles``) off their box: 2 x 256^2 x 73 x 136 < 2^31."""
+int32, also eight columns (``msaa``) and seven rows (``small_triangles``) off their box:
+2 x 256^2 x (65 + 8) x (129 + 7) < 2^31."""
 MAX_SMALL_DEPTH_RATIO: Final = 4.0
 """Maximum depth of a small triangle's farthest vertex over that of its nearest. Beyond, float32 would lose digits of
 1/z at the far end, and float64 is used."""
@@ -62,7 +63,8 @@ TOPOLOGY_TRIANGLES: Final = 3
 
 # Kinds of Primitive: what its ``values`` are, and the pixel that its ``inv_z_base`` belongs to.
 KIND_TRIANGLE: Final = 0
-"""values: corners, clockwise on screen. inv_z_base: first pixel of their box, which may be off the image."""
+"""values: corners, clockwise on screen. inv_z_base: first pixel whose centre is at or after their minimum x and y, also
+with several samples per pixel. It may be off the image."""
 KIND_CLIPPED: Final = 1
 """Crosses the near plane or leaves the guard band. values: first column and row of its box in the image, index of the
 draw. inv_z_base: this first pixel."""
@@ -88,12 +90,15 @@ class Primitive(Struct):
 
 
 class SmallTriangle(Struct):
+    """The first eight words, up to ``kind``, and the next eight are a vector load each, see ``small_triangles``. ``id``
+    and ``kind`` are where Primitive has them. Of the third edge, the changes are minus the sums of the other two's."""
+
     edges: Pointer[I32] = inline(3)  # edge functions at the first pixel centre of the box; inside where all are >= 0
-    edge_dx: Pointer[I32] = inline(2)  # change per column of the first two; that of the third is minus their sum
+    edge_dx: Pointer[I32] = inline(2)  # change per column of the first two
     edge0_dy: I32  # change per row of the first
     id: I32
     kind: I32
-    edge1_dy: I32  # change per row of the second; that of the third is minus the sum
+    edge1_dy: I32  # change per row of the second
     box_corner: I32  # packed, as box_size: see box_of
     box_size: I32
     inv_z_base: F32  # as in Primitive
@@ -112,7 +117,7 @@ class RasterInstance(Struct):
     """An instance of the draw list, independent of camera and pose. The table ends with one more row, in which
     ``first_vertex`` and ``first_id`` are the totals."""
 
-    positions: Pointer[F32]  # (N, 3): vertices to transform, which may be fewer than the mesh's own
+    positions: Pointer[F32]  # (N, 3): those of mesh_positions that primitives use
     indices: Pointer[U32]  # (M, topology) into these
     topology: I64
     first_vertex: I64  # among all instances' vertices
@@ -149,7 +154,7 @@ class Chunk(Struct):
     primitives: Primitive  # (CHUNK_SIZE,): those that may be visible, in the order of their ids
     bins: Pointer[I32]  # (CHUNK_SIZE,): last << 16 | first bin that each of them touches
     count: I64  # number of them
-    fragment_pixels: Pointer[I32]  # (FRAGMENT_CAPACITY,): row * stride + column; kept back faces: BACK_BIT, too
+    fragment_pixels: Pointer[I32]  # (FRAGMENT_CAPACITY,): row * stride + column; kept back faces have BACK_BIT set
     fragment_inv_z: Pointer[F32]
     fragment_ids: Pointer[I32]
     fragment_count: I64
@@ -172,8 +177,8 @@ KEPT_BACK_FACES: Final = 1
 class RasterFrame(Struct):
     """A rasterization: its parameters, the memory that it works in, and its units of work, which threads share.
 
-    ``frame.FrameJob`` fills the fields above ``draw_count``, the kernels those below. An Address of what a
-    frame lacks is 0.
+    ``frame.FrameJob`` fills the fields above ``draw_count``, the kernels those below. An Address is 0 if
+    the frame lacks what it is for.
     """
 
     # Image and camera.
@@ -199,8 +204,8 @@ class RasterFrame(Struct):
     X_world_mesh: Pointer[F64]  # (4, 4) each
     X_camera_mesh: Pointer[F64]  # (4, 4) each
     poses_ready: I64  # flag: X_camera_mesh is filled
-    select: Address  # bool: instances to draw; all if there are none
-    cull_back: Address  # bool: instances whose back faces are culled
+    select: Address  # bool for each instance: whether to draw it; 0: all are drawn
+    cull_back: Address  # bool for each instance: whether its back faces are culled; 0: none are
     skip_hidden_back_faces: I64  # flag: back faces of convex meshes need not be drawn
     keep_back_faces: I64  # flag: culled back faces go to bins of their own, drawn after shading
 
@@ -222,9 +227,11 @@ class RasterFrame(Struct):
     yield_function: Address  # called while waiting for other threads
 
     # Depth peeling: bounds of what passes the depth test, (height, stride) each: ids are int32, inv_z float32.
-    beyond_ids: Address  # fragments lie behind this layer, or at its depth with a lower id
+    beyond_ids: (
+        Address  # fragments lie behind this layer, or at its depth with a lower id; none passes where it is empty
+    )
     beyond_inv_z: Address
-    before_ids: Address  # fragments lie in front of this layer, or at its depth
+    before_ids: Address  # fragments lie in front of this layer, or at its depth; all pass where it is empty
     before_inv_z: Address
     earlier_ids: Address  # fragments have ids below these
     highest_id_wins: (

@@ -27,7 +27,7 @@ from renderers.raster.layout import Layer, RasterFrame
 _BACKGROUND_LABEL: Final = int(np.uint32(LABEL_NONE).astype(np.int32))
 _BACKGROUND_INSTANCE_ID: Final = -1
 _PREFETCH_DISTANCE: Final = 1024
-"""Pixels ahead of those that are written, which are prefetched."""
+"""Pixels are prefetched so far ahead of those that are written."""
 
 
 @kernel
@@ -87,18 +87,22 @@ def _resolve_instance_row(
         background: value where nothing is seen.
     """
     first_ids, width = frame.first_ids, frame.width
-    # The last instance looked up, its value and its primitive ids: none at first.
-    last_index, last_value, first_id, end_id = i64(0), i32(0), i64(0), i64(0)
+    # The instance looked up last, its value and its range of primitive ids, which is empty at first.
+    cached_index, cached_value, first_id, end_id = i64(0), i32(0), i64(0), i64(0)
     for column in range(0, width, vec.LANES):
         eight_ids = vec.load(ids, column)
-        sees_last = (eight_ids >= vec.i32(first_id)) & (eight_ids < vec.i32(end_id))
-        values = vec.select(sees_last, vec.i32(last_value), vec.i32(background))
-        pending = vec.movemask((eight_ids >= vec.i32(0)) & ~sees_last)
+        sees_cached = (eight_ids >= vec.i32(first_id)) & (eight_ids < vec.i32(end_id))
+        values = vec.select(sees_cached, vec.i32(cached_value), vec.i32(background))
+        pending = vec.movemask((eight_ids >= vec.i32(0)) & ~sees_cached)
         while pending != 0:  # look up the instance of the first pixel left, for all pixels that see it
             primitive_id = i64(ids[column + vec.lowest_bit(pending)])
-            last_index = instance_of(first_ids, frame.instance_count, primitive_id, last_index)
-            last_value, first_id, end_id = instance_values[last_index], first_ids[last_index], first_ids[last_index + 1]
-            sees_last = (eight_ids >= vec.i32(first_id)) & (eight_ids < vec.i32(end_id))
-            values = vec.select(sees_last, vec.i32(last_value), values)
-            pending &= ~vec.movemask(sees_last)
+            cached_index = instance_of(first_ids, frame.instance_count, primitive_id, cached_index)
+            cached_value, first_id, end_id = (
+                instance_values[cached_index],
+                first_ids[cached_index],
+                first_ids[cached_index + 1],
+            )
+            sees_cached = (eight_ids >= vec.i32(first_id)) & (eight_ids < vec.i32(end_id))
+            values = vec.select(sees_cached, vec.i32(cached_value), values)
+            pending &= ~vec.movemask(sees_cached)
         _store_columns(out, column, width, values)

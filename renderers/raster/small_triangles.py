@@ -13,8 +13,9 @@
                   +--------+--------+
 
 In a row, each of the three edge functions is e + c de at column c, counted from the box's first. It *limits* the
-covered columns on one side, at q = -e / de. On the left, the first covered column is floor(q + 1); on the right, that
-is the end. Both are computed in float32: ``_limit_by_edge`` says why that is exact.
+covered columns on one side, at q = -e / de. As q is never an integer, floor(q + 1) is the first
+covered column if the limit is on the left, and the end, the column after the last covered one, if it is on the right.
+``_limit_by_edge`` says why float32 is exact here.
 """
 
 from __future__ import annotations
@@ -43,13 +44,13 @@ from renderers.visibility_buffer import BAND_ROWS
 _BLOCK_ROWS: Final = 4
 _GROUP_ROWS: Final = vec.LANES
 """Rows whose spans are found at a time: two rows of blocks."""
-_MASK_BLOCKS: Final = 8
+_BLOCKS_PER_MASK_ROW: Final = 8
 """Blocks of a block row in a mask of SmallTriangleSpans.block_masks: a byte."""
-_GROUP_BITS: Final = 2 * _MASK_BLOCKS
+_GROUP_BITS: Final = 2 * _BLOCKS_PER_MASK_ROW
 """Bits of a group's two block rows in a mask. Four groups are a band."""
-_COLUMN_BITS: Final = vec.LANES.bit_length() - 1
-"""``column >> _COLUMN_BITS`` is the block of a column."""
-assert MAX_SMALL_WIDTH // vec.LANES < 2 * _MASK_BLOCKS
+_LOG2_BLOCK_COLUMNS: Final = vec.LANES.bit_length() - 1
+"""``column >> _LOG2_BLOCK_COLUMNS`` is the block of a column."""
+assert MAX_SMALL_WIDTH // vec.LANES < 2 * _BLOCKS_PER_MASK_ROW
 assert BAND_ROWS == 4 * _GROUP_ROWS
 # Two vectors have all fields of a SmallTriangle: the first ends with ``kind``, the second begins with ``edge1_dy``.
 assert (SMALL_FIELDS.kind, SMALL_FIELDS.edge1_dy) == (vec.LANES - 1, vec.LANES)
@@ -60,10 +61,10 @@ class SmallTriangleSpans(Struct):
 
     triangle: SmallTriangle
     row_inv_z: Pointer[F32] = inline(BAND_ROWS)  # of each row: 1/z at the box's first column
-    row_begin_in_box: Pointer[I32] = inline(BAND_ROWS)  # first covered column, counted from the box's first
+    row_first_column_in_box: Pointer[I32] = inline(BAND_ROWS)  # first covered column, counted from the box's first
     row_column_count: Pointer[I32] = inline(BAND_ROWS)
     # Masks of the blocks with any covered column. Byte r of the first one: blocks 0 to 7 of block row r, from the left,
-    # in bits 0 to 7. Byte r of the second: blocks 8 to 15; a box that is not aligned has up to nine.
+    # in bits 0 to 7. Byte r of the second: block 8, since a box that is not aligned touches up to nine.
     block_masks: Pointer[I64] = inline(2)
     first_group_row: I64  # first row of the first group, in the image
     row_count: I64  # within the band
@@ -93,7 +94,7 @@ def find_small_spans(
     box_x, box_y, box_column_count, box_row_count = box_of(triangle)
     top, bottom = max(box_y, first_row), min(box_y + box_row_count, end_row)
     left, right = max(box_x, i64(0)), min(box_x + box_column_count, frame.width)
-    # Blocks are aligned to eight columns: a load gets its values from one earlier store, and spans no two cache lines.
+    # Blocks are aligned to eight columns: loads can be forwarded from stores, and span no two cache lines.
     first_block_column = left & ~i64(vec.LANES - 1)
     first_block_column_in_box = first_block_column - box_x
     group_count = (bottom - top + _GROUP_ROWS - 1) // _GROUP_ROWS
@@ -104,19 +105,19 @@ def find_small_spans(
     inv_z_base, inv_z_dy = vec.f32(triangle.inv_z_base), vec.f32(triangle.inv_z_dy)
     row_in_box = vec.to_f32(vec.i32(first_group_row - box_y) + vec.iota())
     box_left_limit, box_right_limit = vec.f32(left - box_x) - vec.f32(0.5), vec.f32(right - box_x) - vec.f32(0.5)
-    low_blocks, high_blocks = i64(0), i64(0)
+    left_blocks, right_blocks = i64(0), i64(0)
     for group in range(group_count):
         begin_in_box, column_count = _covered_columns(edges, row_in_box, box_left_limit, box_right_limit)
-        vec.store(spans.row_begin_in_box, _GROUP_ROWS * group, begin_in_box)
+        vec.store(spans.row_first_column_in_box, _GROUP_ROWS * group, begin_in_box)
         vec.store(spans.row_column_count, _GROUP_ROWS * group, column_count)
         low, high = _block_masks(begin_in_box - vec.i32(first_block_column_in_box), column_count)
-        low_blocks |= low << (_GROUP_BITS * group)
-        high_blocks |= high << (_GROUP_BITS * group)
+        left_blocks |= low << (_GROUP_BITS * group)
+        right_blocks |= high << (_GROUP_BITS * group)
         vec.store(spans.row_inv_z, _GROUP_ROWS * group, inv_z_base + inv_z_dy * row_in_box)
         row_in_box = row_in_box + vec.f32(float(_GROUP_ROWS))
 
     spans.triangle = triangle
-    spans.block_masks[0], spans.block_masks[1] = low_blocks, high_blocks
+    spans.block_masks[0], spans.block_masks[1] = left_blocks, right_blocks
     spans.first_group_row = first_group_row
     spans.row_count = min(end_row - first_group_row, _GROUP_ROWS * group_count)
     spans.first_block_column, spans.first_block_column_in_box = first_block_column, first_block_column_in_box
@@ -135,7 +136,10 @@ def draw_small(frame: RasterFrame, layer: Layer, depth_rule: I64, spans: SmallTr
         while blocks != 0:
             bit = vec.lowest_bit(blocks)
             blocks &= blocks - 1
-            block_row, block = bit // _MASK_BLOCKS, mask_index * _MASK_BLOCKS + bit % _MASK_BLOCKS
+            block_row, block = (
+                bit // _BLOCKS_PER_MASK_ROW,
+                mask_index * _BLOCKS_PER_MASK_ROW + bit % _BLOCKS_PER_MASK_ROW,
+            )
             _draw_block(frame, layer, depth_rule, spans, block_row * _BLOCK_ROWS, block * vec.LANES)
 
 
@@ -210,7 +214,7 @@ def _covered_columns(
     left, right = _limit_by_edge(left, right, edges, 1, row_in_box)
     left, right = _limit_by_edge(left, right, edges, 2, row_in_box)
     # A nearly horizontal edge may limit a row anywhere: minimum and maximum keep its limits within int32.
-    # left is at least -1/2, and right + 1 is cut at 0: to_i32 rounds toward 0, which is floor from 0 on.
+    # left >= box_left_limit >= -1/2, and right + 1 is cut at 0. to_i32 rounds toward 0, which is floor from 0 on.
     begin = vec.to_i32(vec.minimum(left, box_right_limit) + one)
     end = vec.to_i32(vec.maximum(right + one, vec.f32(0.0)))
     return begin, vec.maximum(end - begin, vec.i32(0))
@@ -230,7 +234,8 @@ def _limit_by_edge(left: F32x8, right: F32x8, edges: _ScanlineEdges, k: I64, row
     - A horizontal edge, dx = 0, covers all columns of a row or none: its limit is -inf or +inf.
     - For others, q = -edge_value / dx differs from every integer by at least (1/2) / |dx| > 15.1e-6.
     - It is computed as edge_value * (-1 / dx), with two roundings of 2^-24 each: where |q| <= 64, as in the box, the
-      error is at most 64 x 2^-23 < 7.7e-6. Farther out, a relative error so small does not bring q back into the box.
+      error is at most 64 x 2^-23 < 7.7e-6. Farther out, the error is at most 2^-23 of q: too
+      small to move it across the border of the box, 1/2 away from integers.
     - So the computed q is more than 7.4e-6 away from integers. q + 1, below 128, is rounded by at most 2^-18 < 3.9e-6:
       its floor is right.
     """
@@ -247,7 +252,7 @@ def _block_masks(begin: I32x8, column_count: I32x8) -> tuple[I64, I64]:
     Args:
         begin, column_count: the rows' first covered columns, counted from the first block's first, and their number.
     """
-    column_bits, none = vec.i32(_COLUMN_BITS), vec.i32(0)
+    column_bits, none = vec.i32(_LOG2_BLOCK_COLUMNS), vec.i32(0)
     # Bit b of a lane is block b of a row: ones from the block of the first covered column up to that of the last.
     end = begin + column_count + vec.i32(vec.LANES - 1)
     blocks = (vec.i32(1) << (end >> column_bits)) - (vec.i32(1) << (begin >> column_bits))
@@ -255,8 +260,8 @@ def _block_masks(begin: I32x8, column_count: I32x8) -> tuple[I64, I64]:
     # Two block rows of 16 bits each: their low bytes go to the first mask, the high ones to the second.
     is_upper = vec.iota() < vec.i32(_BLOCK_ROWS)
     upper, lower = vec.or_of(vec.select(is_upper, blocks, none)), vec.or_of(vec.select(is_upper, none, blocks))
-    low_mask = (upper & 255) | ((lower & 255) << _MASK_BLOCKS)
-    return low_mask, (upper >> _MASK_BLOCKS) | ((lower >> _MASK_BLOCKS) << _MASK_BLOCKS)
+    low_mask = (upper & 255) | ((lower & 255) << _BLOCKS_PER_MASK_ROW)
+    return low_mask, (upper >> _BLOCKS_PER_MASK_ROW) | ((lower >> _BLOCKS_PER_MASK_ROW) << _BLOCKS_PER_MASK_ROW)
 
 
 @inlined
@@ -274,7 +279,7 @@ def _draw_block(
         inv_z = vec.f32(spans.row_inv_z[row]) + column_inv_z
         inv_z = vec.minimum(vec.maximum(inv_z, inv_z_min), inv_z_max)
         # One comparison of unsigned numbers tells whether a column is in the span.
-        column_in_span = columns_in_box - vec.i32(spans.row_begin_in_box[row])
+        column_in_span = columns_in_box - vec.i32(spans.row_first_column_in_box[row])
         covered = vec.less_unsigned(column_in_span, vec.i32(spans.row_column_count[row]))
         depth_test(frame, layer, depth_rule, pixel, inv_z, covered, ids)
         pixel += frame.stride

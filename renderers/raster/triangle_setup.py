@@ -4,10 +4,10 @@
 
         tiny    at most 4 x 4 pixels      ``tiny_triangles``: fragments in the Chunk, if it has room
         small   at most 64 x 128          SmallTriangle: edge functions in int32, plane of 1/z in float32
-        large   or to be clipped          Primitive, one by one: ``primitive_setup``
+        others  larger, or to be clipped  Primitive, one by one: ``primitive_setup``
 
-On the way triangles are dropped that are behind the camera, too far, off the image, without area, hidden by their
-convex mesh, or culled and not kept.
+On the way triangles are dropped that are nearer than the near plane, too far, off the image, without area, hidden by
+their convex mesh, or culled and not kept.
 """
 
 from __future__ import annotations
@@ -58,9 +58,9 @@ class _LaneMasks(NamedTuple):
 
     small: I64
     one_by_one: I64
-    """Large, or to be clipped: set up one by one."""
+    """Large, to be clipped, or too deep for ``SmallTriangle``: set up one by one."""
     kept_back: I64
-    """Those of ``small`` that are back faces, which go to bins of their own; other bits mean nothing."""
+    """Those of ``small`` with the winding to cull, which are kept if they are there; other bits mean nothing."""
 
 
 @device_function
@@ -83,18 +83,18 @@ def _set_up_eight_triangles(
         vertices: the draw's vertices, as for ``load_triangles``.
     """
     draw = frame.draws[draw_index]
-    # Load; drop what is behind the camera or beyond the far plane.
+    # Load; drop what is nearer than the near plane or beyond the far plane.
     corners = load_triangles(draw, first_triangle, count, vertices)
-    in_view, needs_clipping = _is_in_view(frame, corners.inv_z, count), _needs_clipping(corners.inv_z, count)
-    if vec.movemask(in_view | needs_clipping) == 0:
+    is_unclipped, needs_clipping = _is_unclipped(frame, corners.inv_z, count), _needs_clipping(corners.inv_z, count)
+    if vec.movemask(is_unclipped | needs_clipping) == 0:
         return
 
-    # Snap; drop what is off the image. Lanes not in view may hold infinities, which to_i32 cannot convert: 0 instead.
+    # Snap; drop what is off the image. Other lanes get 0: they may hold infinities, which cannot be converted.
     zeros = vec.f32(0.0), vec.f32(0.0), vec.f32(0.0)
-    corners = Corners(select3(in_view, corners.x, zeros), select3(in_view, corners.y, zeros), corners.inv_z)
+    corners = Corners(select3(is_unclipped, corners.x, zeros), select3(is_unclipped, corners.y, zeros), corners.inv_z)
     gx, gy = snap_to_grid_3(corners.x), snap_to_grid_3(corners.y)
     box = bounding_box(gx, gy, frame.sample_reach)
-    in_image = in_view & overlaps_image(frame, box)
+    in_image = is_unclipped & overlaps_image(frame, box)
 
     # Tell small from large.
     fits_small = _fits_small(box, corners.inv_z)
@@ -104,11 +104,11 @@ def _set_up_eight_triangles(
     area = (gx[1] - gx[0]) * (gy[2] - gy[0]) - (gx[2] - gx[0]) * (gy[1] - gy[0])
     is_counterclockwise = area < vec.i32(0)
     winding = vec.select(is_counterclockwise, vec.i32(-1), vec.i32(1))
-    is_culled = winding == vec.i32(draw.culled_area_sign)
-    small = in_image & fits_small & (area != vec.i32(0)) & (winding != vec.i32(draw.hidden_area_sign))
+    has_culled_winding = winding == vec.i32(draw.culled_area_sign)
+    visible_small = in_image & fits_small & (area != vec.i32(0)) & (winding != vec.i32(draw.hidden_area_sign))
     if frame.first_back_bin == 0:  # culled faces are not kept
-        small = small & ~is_culled
-    if vec.movemask(small) == 0 and one_by_one_bits == 0:
+        visible_small = visible_small & ~has_culled_winding
+    if vec.movemask(visible_small) == 0 and one_by_one_bits == 0:
         return
 
     # Edge functions, of corners in clockwise order, and planes of 1/z.
@@ -120,21 +120,21 @@ def _set_up_eight_triangles(
     )
 
     # Draw tiny ones; the others become primitives.
-    small_bits = vec.movemask(small)
+    small_bits = vec.movemask(visible_small)
     if can_rasterize_tiny(frame, chunk):
-        tiny = small & is_tiny(frame, box)
+        tiny = visible_small & is_tiny(frame, box)
         if vec.movemask(tiny) != 0:
-            rasterize_tiny(frame, triangles, tiny, is_culled, chunk)
+            rasterize_tiny(frame, triangles, tiny, has_culled_winding, chunk)
             small_bits &= ~vec.movemask(tiny)
     if small_bits | one_by_one_bits != 0:
         transposed = _transposed_array()
         _store_transposed(transposed, triangles)
-        masks = _LaneMasks(small=small_bits, one_by_one=one_by_one_bits, kept_back=vec.movemask(is_culled))
+        masks = _LaneMasks(small=small_bits, one_by_one=one_by_one_bits, kept_back=vec.movemask(has_culled_winding))
         _append_primitives(frame, draw_index, first_triangle, masks, transposed, chunk)
 
 
 @inlined
-def _is_in_view(frame: RasterFrame, inv_z: F32x8x3, count: I64) -> Mask8:
+def _is_unclipped(frame: RasterFrame, inv_z: F32x8x3, count: I64) -> Mask8:
     """Return which of the first ``count`` triangles have all corners beyond the near plane and in the guard band, and
     any before the far plane."""
     is_used = vec.iota() < vec.i32(count)
@@ -188,15 +188,15 @@ def _store_transposed(rows: Pointer[I32], triangles: EightTriangles) -> None:
 
 
 @inlined
-def _store_row(rows: Pointer[I32], field: I64, values: I32x8) -> None:
-    vec.store(rows, vec.LANES * field, values)
+def _store_row(rows: Pointer[I32], field: I64, words: I32x8) -> None:
+    vec.store(rows, vec.LANES * field, words)
 
 
 @inlined
 def _append_primitives(
     frame: RasterFrame, draw_index: I64, first_triangle: I64, masks: _LaneMasks, transposed: Pointer[I32], chunk: Chunk
 ) -> None:
-    """Append the masks triangles to a Chunk in the order of their lanes; ``first_triangle``: that of lane 0."""
+    """Append the triangles of the masks to a Chunk in the order of their lanes; ``first_triangle``: that of lane 0."""
     pending = masks.small | masks.one_by_one
     while pending != 0:
         lane = vec.lowest_bit(pending)
@@ -204,9 +204,9 @@ def _append_primitives(
         pending &= pending - 1
         primitive = chunk.primitives[chunk.count]
         if bit & masks.small:
-            values = i32_at(address(primitive))
+            words = i32_at(address(primitive))
             for field in range(SMALL_FIELD_COUNT):
-                values[field] = transposed[vec.LANES * field + lane]
+                words[field] = transposed[vec.LANES * field + lane]
             _, top, _, row_count = box_of(SmallTriangle(address(primitive)))
             base_bin = frame.first_back_bin if bit & masks.kept_back else 0
             first_bin, last_bin = bin_range(max(top, 0), min(top + row_count, frame.height), base_bin)

@@ -150,7 +150,7 @@ class Spans(Struct):
     tangent: Pointer[F32] = _spans(4 + 4)  # optical frame, and the sign of the bitangent
     # Filled only if ShadingInputs has has_points: 1/depth, 1/m, at the first pixel, and its change per pixel.
     inv_depth: Pointer[F32] = _spans(1 + 1)
-    # Filled only if it has has_flat_normals: unit normal of the triangle, towards the camera.
+    # Filled if it has has_flat_normals or there are no HAS_NORMALS: unit normal of the triangle, towards the camera.
     flat_normal: Pointer[F32] = _spans(3)
     # Filled only if the ShadingMaterial has has_gradients. The first half of the rows holds the changes of the sums per
     # column of the image, the second half those per row.

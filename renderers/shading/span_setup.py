@@ -61,12 +61,13 @@ class CornerAttributes(NamedTuple, Generic[Columns]):
 
 
 class CornerIndices(NamedTuple):
-    """Indices of the three vertices of eight primitives: those of lane k are ``a[first_index[k]]``, b and c alike."""
+    """Indices of the three vertices of eight primitives: those of lane k are ``a[position[k]]``, ``b[position[k]]`` and
+    ``c[position[k]]``, where b and c point to later values of the same array."""
 
     a: Pointer[U32]
     b: Pointer[U32]
     c: Pointer[U32]
-    first_index: I32x8
+    position: I32x8
 
 
 @device_function
@@ -105,16 +106,17 @@ def _prefetch(segment: Segment, span: I64, end_span: I64) -> None:
     primitive_ids, first_id = segment.span_ids, segment.first_id
     indices, vertices = segment.instance.indices, segment.instance.vertices
     for k in range(min(span + 2 * vec.LANES, end_span), min(span + 3 * vec.LANES, end_span)):
-        first_index = 3 * (i64(primitive_ids[k]) - first_id)
+        position = 3 * (i64(primitive_ids[k]) - first_id)
         for corner in range(3):
-            vec.prefetch(vertices, i64(indices[first_index + corner]) * V_COLUMNS)
+            vec.prefetch(vertices, i64(indices[position + corner]) * V_COLUMNS)
     for k in range(min(span + 4 * vec.LANES, end_span), min(span + 5 * vec.LANES, end_span)):
         vec.prefetch(indices, 3 * (i64(primitive_ids[k]) - first_id))
 
 
 @device_function
 def _set_up_eight_spans(segment: Segment, span: I64, count: I64, slot: I64) -> bool:
-    """Set up ``count`` spans, 1 to 8, from ``span`` on, into the values ``slot .. slot + 8`` of each row of Spans.
+    """Set up ``count`` spans, 1 to 8, from ``span`` on, into the values from ``slot`` on of each row of Spans, of which
+    eight are written.
 
     Returns:
         True if the normal is constant along each span.
@@ -183,21 +185,21 @@ def _corner_indices(segment: Segment, primitive_id: I32x8) -> CornerIndices:
 @inlined
 def _load_eight_columns(table: Pointer[F32], corner_indices: CornerIndices) -> CornerAttributes[F32x8x8]:
     """Return the vertices' values in a table of eight columns."""
-    a, b, c, first_index = corner_indices
+    a, b, c, position = corner_indices
     return CornerAttributes(
-        vec.load_rows(table, a, first_index), vec.load_rows(table, b, first_index), vec.load_rows(table, c, first_index)
+        vec.load_rows(table, a, position), vec.load_rows(table, b, position), vec.load_rows(table, c, position)
     )
 
 
 @inlined
 def _load_colors(colors: Pointer[F32], corner_indices: CornerIndices) -> CornerAttributes[F32x8x4]:
     """Return the vertices' colours."""
-    a, b, c, first_index = corner_indices
+    a, b, c, position = corner_indices
     columns = vec.i32(_COLOR_COLUMNS)
     return CornerAttributes(
-        vec.load_quads(colors, vec.gather(a, first_index) * columns),
-        vec.load_quads(colors, vec.gather(b, first_index) * columns),
-        vec.load_quads(colors, vec.gather(c, first_index) * columns),
+        vec.load_quads(colors, vec.gather(a, position) * columns),
+        vec.load_quads(colors, vec.gather(b, position) * columns),
+        vec.load_quads(colors, vec.gather(c, position) * columns),
     )
 
 
@@ -221,22 +223,22 @@ def _weighted_sum3(weights: F32x8x3, corners: CornerAttributes[F32x8x8], k: I64)
 def _store_attributes(
     rows: Pointer[F32],
     count: I64,
-    first: F32x8x3,
-    second: F32x8x3,
+    weights: F32x8x3,
+    later_weights: F32x8x3,
     corners: CornerAttributes[Columns],
     first_value: I64,
 ) -> None:
-    """Store the sums of ``count`` values by the weights ``first`` in as many rows, those by ``second`` in the next."""
+    """Store the sums of ``count`` values by ``weights`` in as many rows, those by ``later_weights`` in the next."""
     for j in range(count):
-        vec.store(rows, j * SPAN_STRIDE, _weighted_sum(first, corners, first_value + j))
-        vec.store(rows, (count + j) * SPAN_STRIDE, _weighted_sum(second, corners, first_value + j))
+        vec.store(rows, j * SPAN_STRIDE, _weighted_sum(weights, corners, first_value + j))
+        vec.store(rows, (count + j) * SPAN_STRIDE, _weighted_sum(later_weights, corners, first_value + j))
 
 
 @inlined
-def _store_weight_sums(rows: Pointer[F32], first: F32x8x3, second: F32x8x3) -> None:
-    """Store the sums of the weights themselves, one row for each of both."""
-    vec.store(rows, 0, first[0] + first[1] + first[2])
-    vec.store(rows, SPAN_STRIDE, second[0] + second[1] + second[2])
+def _store_weight_sums(rows: Pointer[F32], weights: F32x8x3, later_weights: F32x8x3) -> None:
+    """Store the sum of ``weights`` in a row, and that of ``later_weights`` in the next one."""
+    vec.store(rows, 0, weights[0] + weights[1] + weights[2])
+    vec.store(rows, SPAN_STRIDE, later_weights[0] + later_weights[1] + later_weights[2])
 
 
 @inlined

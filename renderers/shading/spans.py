@@ -1,10 +1,10 @@
-"""Spans: neighbouring pixels of a row that see one primitive. Segments: neighbouring spans of one instance.
+"""Spans: up to PART neighbouring pixels of a row that see one primitive. Segments: neighbouring spans of one instance.
 
-primitive ids   7 7 7 7 3 3 9 9 9 . . 7     instance A has the ids 0 to 8, instance B those from 9 on
-start bits      1 0 0 0 1 0 1 0 0 1 0 1     ``find_spans``, 64 pixels in a word
-spans           |7      |3  |9    |.  |7
+primitive ids   7 7 7 7 3 3 9 9 9 . . 7     instance A has the ids 0 to 8, B those from 9 on; PART is 4 here
+start bits      1 0 0 0 1 0 1 0 1 1 0 1     ``find_spans``: the id differs from the one before, or a PART-th pixel
+spans           |7      |3  |9  |9|.  |7
 segments        |A          |B    |   |A    ``next_segment``, which binds an instance and its material
-parts           |           |       |   |   ``next_part``: at most PART pixels of a segment are shaded at a time
+parts           |       |   |   | |   |     ``next_part``: at most PART pixels are shaded at a time; cuts at multiples
 """
 
 from __future__ import annotations
@@ -35,11 +35,11 @@ from renderers.shading.layout import (
 
 NO_PRIMITIVE: Final = -1
 """Primitive id of pixels that see the background."""
-_BEYOND_ROW: Final = -(2**31)
+_ID_BEYOND_ROW: Final = -(2**31)
 """Id of pixels beyond the row; differs from every primitive id and from NO_PRIMITIVE."""
 _WORD: Final = 64
 """Pixels whose start bits are one int64."""
-assert PART % _WORD == 0  # parts begin with a word
+assert PART % _WORD == 0  # multiples of PART begin a word, so that one bit there begins a span
 _ALL_BITS: Final = -1
 _HIGHEST_BIT: Final = -(2**63)
 
@@ -68,7 +68,7 @@ def _span_offsets() -> NDArray[np.int32]:
 
 
 SPAN_OFFSETS: Final = _span_offsets()
-"""(128, 8): for eight pixels, the index of each pixel's span, counted from the first pixel's span. A row's index has
+"""(128, 8): for eight pixels, the index of each pixel's span, counted from the first pixel's span. Its first index has
 the start bits of pixels 1 to 7: bit k - 1 is that of pixel k."""
 
 
@@ -120,13 +120,13 @@ def find_spans(segment: Segment, y: I64, columns: Address, pixel_ids: Pointer[I3
 
 @inlined
 def _copy_ids(row_ids: Pointer[I32], pixel_ids: Pointer[I32], width: I64) -> None:
-    """Copy a row's primitive ids, with a vector of _BEYOND_ROW before them, and a word and a vector of it behind."""
-    vec.store(row_ids, 0, vec.i32(_BEYOND_ROW))
+    """Copy a row's primitive ids, with a vector of _ID_BEYOND_ROW before them, and a word and a vector of it behind."""
+    vec.store(row_ids, 0, vec.i32(_ID_BEYOND_ROW))
     ids = advance(row_ids, vec.LANES)
     for x in range(width):
         ids[x] = pixel_ids[x]
     for x in range(width, width + _WORD + vec.LANES, vec.LANES):
-        vec.store(ids, x, vec.i32(_BEYOND_ROW))
+        vec.store(ids, x, vec.i32(_ID_BEYOND_ROW))
 
 
 @inlined
@@ -148,7 +148,7 @@ def _append_spans(segment: Segment, x: I64, bits: I64, count: I64) -> None:
     ids, starts, span_ids = advance(segment.row_ids, vec.LANES), segment.span_starts, segment.span_ids
     for first in range(count, count + vec.count_bits(bits), vec.LANES):
         for k in range(first, first + vec.LANES):
-            start = x + vec.lowest_bit(bits | _HIGHEST_BIT)  # which is defined when no bit is left, too
+            start = x + vec.lowest_bit(bits | _HIGHEST_BIT)  # lowest_bit of 0 is undefined
             starts[k], span_ids[k] = start, ids[start]
             bits &= bits - 1
 
@@ -184,7 +184,10 @@ def next_segment(segment: Segment, span: I64, span_count: I64, instance_index: I
     """
     job, span_ids = segment.job, segment.span_ids
     primitive_id = i64(span_ids[span])
-    first_id, end_id = i64(NO_PRIMITIVE), i64(NO_PRIMITIVE + 1)  # the background, as an instance of this one id
+    first_id, end_id = (
+        i64(NO_PRIMITIVE),
+        i64(NO_PRIMITIVE + 1),
+    )  # the background counts as an instance with this id alone
     is_background = primitive_id < 0
     if not is_background:
         instance_index = instance_of(job.first_ids, job.instance_count, primitive_id, instance_index)
