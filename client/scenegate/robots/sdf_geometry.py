@@ -40,6 +40,16 @@ _GAZEBO_COLORS: Final[dict[str, tuple[float, float, float]]] = {
 }
 """Diffuse colours of Gazebo's own material scripts, which are named ``Gazebo/Red``."""
 
+_DEFAULT_SIZES: Final[dict[str, dict[str, str]]] = {
+    "box": {"size": "1 1 1"},
+    "capsule": {"radius": "0.5", "length": "1"},
+    "cone": {"radius": "1", "length": "1"},
+    "cylinder": {"radius": "1", "length": "1"},
+    "ellipsoid": {"radii": "1 1 1"},
+    "sphere": {"radius": "1"},
+}
+"""Sizes that shapes have without elements of their own, in the format's specification."""
+
 
 def read_geometries(
     link: Element,
@@ -81,12 +91,12 @@ def _shape(geometry: Element | None, where: str, warnings: list[str]) -> tuple[L
     plane = geometry.find("plane")
     if plane is not None:
         return _plane(plane, where, warnings)
-    cone = geometry.find("cone")
-    if cone is not None:
-        radius, length = sizes(children_as_attributes(cone), where, warnings, "radius", "length")
-        return Cone(radius, length), IDENTITY
     as_urdf = Element("geometry")
     for shape in map(children_as_attributes, geometry):
+        shape.attrib = _DEFAULT_SIZES.get(shape.tag, {}) | shape.attrib
+        if shape.tag == "cone":
+            radius, length = sizes(shape, where, warnings, "radius", "length")
+            return Cone(radius, length), IDENTITY
         if "uri" in shape.attrib:
             shape.set("filename", shape.attrib["uri"])
         as_urdf.append(shape)

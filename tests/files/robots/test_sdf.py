@@ -157,6 +157,11 @@ def test_a_joint_turns_about_its_own_frame(tmp_path: Path) -> None:
         ("<cylinder><radius>1</radius><length>3</length></cylinder>", Cylinder(1.0, 3.0)),
         ("<capsule><radius>1</radius><length>3</length></capsule>", Capsule(1.0, 3.0)),
         ("<ellipsoid><radii>1 2 3</radii></ellipsoid>", Ellipsoid((1.0, 2.0, 3.0))),
+        ("<box/>", Box((1.0, 1.0, 1.0))),  # the defaults of the specification
+        ("<sphere/>", Sphere(1.0)),
+        ("<cylinder><length>3</length></cylinder>", Cylinder(1.0, 3.0)),
+        ("<capsule/>", Capsule(0.5, 1.0)),
+        ("<ellipsoid/>", Ellipsoid((1.0, 1.0, 1.0))),
         ("<plane><normal>1 0 0</normal><size>4 5</size></plane>", Box((4.0, 5.0, 0.0))),
     ],
 )
