@@ -4,6 +4,7 @@ Robot files are named by the user, so they may name any file that the user can r
 """
 
 import errno
+import glob
 import hashlib
 import itertools
 import os
@@ -11,6 +12,7 @@ import re
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Final
+from urllib.parse import unquote
 
 from scenegate.messages.mesh_file import referenced_path, spellings
 from scenegate.regular_files import is_pipe, read_file_or_pipe, read_regular
@@ -33,6 +35,10 @@ _MAX_CONFIG_BYTES: Final = 1 << 16
 """Maximum size of a ``model.config``, which usually has less than 2 kB."""
 _SDF_ELEMENT: Final = re.compile(r"<sdf[^<>]*>([^<>]+)</sdf>")
 """Name of an SDF file in a ``model.config``."""
+
+
+_FUEL_URL: Final = re.compile(r"https?://[^/]+/[\d.]+/[^/]+/models/([^/]+)(?:/(?:\d+|tip))?(?:/files)?(?:/(.*))?")
+"""URL of a model of Gazebo Fuel, or of a file in it: they are read like ``model://name/file``."""
 
 
 class RobotFiles:
@@ -180,6 +186,7 @@ class RobotFiles:
         - The package below a prefix of ``AMENT_PREFIX_PATH``.
         - Folders of that name beside the robot file, or beside a folder that contains it, also in a folder ``models``
           there: Gazebo's worlds are in ``worlds``.
+        - The versions of that model that Gazebo has downloaded.
         """
         for folder in self.path.parents:
             if folder.name == package or package_name(folder / "package.xml") == package:
@@ -194,6 +201,8 @@ class RobotFiles:
         for folder in self.path.parents:
             yield folder / package
             yield folder / "models" / package
+        downloads = Path(os.path.expanduser("~/.gz/fuel"))  # noqa: PTH111 - Path.expanduser raises without a home
+        yield from sorted(downloads.glob(f"*/*/models/{glob.escape(package.lower())}/*"), key=_version, reverse=True)
 
     def _not_found(self, name: str, scheme: str, missing: list[Path]) -> str:
         """Return the reason why there is no file, with a similar name or the folders that were searched if possible.
@@ -207,7 +216,7 @@ class RobotFiles:
             if other is not None:
                 return f"there is no such file, but one whose name differs in upper and lower case: {other}"
         if scheme in _PACKAGE_SCHEMES:
-            package, _ = _split_package(name.partition("://")[2])
+            package, _ = _split_package(_split_name(name)[1])
             start = ""
         else:
             package = next((package for package, _, is_likely in _split_path(*split_url(name)) if is_likely), "")
@@ -232,10 +241,16 @@ def _split_name(name: str) -> tuple[str, str]:
     """Return the scheme and the rest of a name in a robot file; raises RobotFileError if it cannot name a file."""
     if not name or "\0" in name or len(name) > 4096:
         raise RobotFileError(f"{name[:100]!r} is not a file name")
+    if match := _FUEL_URL.fullmatch(unquote(name)):
+        return "model", f"{match[1]}/{match[2] or ''}"
     scheme, rest = split_url(name)
     if scheme not in ("", "file", *_PACKAGE_SCHEMES):
         raise RobotFileError("only files, package:// and file:// can be read, nothing is fetched")
     return scheme, rest
+
+
+def _version(folder: Path) -> int:
+    return int(folder.name) if folder.name.isdecimal() else 0
 
 
 def _split_package(path: str) -> tuple[str, str]:

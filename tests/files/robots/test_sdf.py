@@ -350,6 +350,7 @@ def test_models_are_found_by_name(tmp_path: Path, uri: str) -> None:
     [
         ("model://gone", "the package 'gone' is not above or beside the robot file"),
         ("https://fuel.gazebosim.org/1.0/models/hand", "only files, package:// and file:// can be read"),
+        ("https://fuel.gazebosim.org/1.0/openrobotics/models/hand", "the package 'hand' is not above or beside"),
     ],
 )
 def test_an_included_model_that_is_missing_is_a_warning(tmp_path: Path, uri: str, reason: str) -> None:
@@ -377,6 +378,29 @@ def test_models_of_a_world_are_found_in_the_folder_beside_it(tmp_path: Path) -> 
     write(tmp_path, model("<link name='a'/>"), "models/hand/model.sdf")
     world = "<sdf version='1.9'><world name='w'><include><uri>model://hand</uri></include></world></sdf>"
     assert read_robot(write(tmp_path, world, "worlds/w.world")).links == ("m::a",)
+
+
+def test_models_of_fuel_are_those_on_this_machine(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("HOME", str(tmp_path / "home"))
+    url = "https://fuel.gazebosim.org/1.0/OpenRobotics/models/{}"
+    mesh = f"<mesh><uri>{url.format('Big%20Hand/tip/files/meshes/a.obj')}</uri></mesh>"
+    for version in ("9", "10"):
+        folder = f"home/.gz/fuel/fuel.gazebosim.org/openrobotics/models/big hand/{version}"
+        write(
+            tmp_path,
+            model(f"<link name='of_{version}'><visual name='v'><geometry>{mesh}</geometry></visual></link>"),
+            f"{folder}/model.sdf",
+        )
+        write(tmp_path, TRIANGLE, f"{folder}/meshes/a.obj")
+    write(tmp_path, model("<link name='own'/>"), "models/Small/model.sdf")
+    includes = (
+        f"<include><name>m{each}</name><uri>{url.format(uri)}</uri></include>"
+        for each, uri in enumerate(("Big Hand", "Big%20Hand/3", "Small"))
+    )
+    robot = read_robot(
+        write(tmp_path, f"<sdf version='1.9'><world name='w'>{''.join(includes)}</world></sdf>", "worlds/w.world")
+    )
+    assert (robot.links, robot.warnings) == (("m0::of_10", "m1::of_10", "m2::own"), ())
 
 
 def test_the_root_element_before_version_1_3(tmp_path: Path) -> None:
