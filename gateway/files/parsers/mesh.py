@@ -299,9 +299,11 @@ def _material(
     diffuse = getattr(material, "baseColorFactor", None)
     diffuse = getattr(material, "diffuse", None) if diffuse is None else diffuse
     color = np.ones(4) if diffuse is None else np.append(np.asarray(diffuse, np.float64)[:4] / 255.0, 1.0)[:4]
+    if isinstance(material, SimpleMaterial) and "kd" not in statements:  # trimesh's grey
+        color[:3] = 1.0
     if image is not None:
         uv = _placed(uv, path, warnings)
-        if "kd" not in statements or not color[:3].any():  # a black one would hide the texture
+        if not color[:3].any():  # a black one would hide the texture
             color[:3] = 1.0
     opacity_map = _texture_name(" ".join(map(str, statements.get("map_d", ()))))
     if opacity_map and (image is None or opacity_map != _texture_name(path)):  # the alpha of map_Kd is drawn

@@ -55,6 +55,8 @@ _ONLY_FACE_LIST: Final = re.compile(
     rb"(\nelement face [^\n]*\n(?:(?!element|property list)[^\n]*\n)*property list \w+ \w+ )\w+"
     rb"(?=\n(?:(?!element|property list)[^\n]*\n)*(?:element|\Z))"
 )
+_EDGES: Final = re.compile(rb"^element unused_edge ([1-9]\d*)[ \t]*$", re.MULTILINE)
+_FACES: Final = re.compile(rb"^element (?:face|tristrips) [1-9]", re.MULTILINE)
 _SPLAT: Final = re.compile(rb"^property \w+ f_dc_0[ \t]*$", re.MULTILINE)
 
 
@@ -95,6 +97,8 @@ def with_plain_header(data: bytes) -> bytes:
         for line in header.split(b"\n")
     )
     header = b"\n".join(lines).replace(b"\nelement edge ", b"\nelement unused_edge ")
+    if b"\nproperty uint packed_position" in header:
+        raise ValueError("it is a compressed Gaussian splat (packed_position); of a plain one, the centres are drawn")
     header = _ONLY_FACE_LIST.sub(rb"\1vertex_indices", header)
     return header + b"end_header\n" + body if end else data
 
@@ -103,9 +107,11 @@ def with_used_coordinates(data: bytes, read_texture: Callable[[str], bytes], war
     """Return the file without texture coordinates that would replace its colours, although it has no texture.
 
     trimesh reads either colours or texture coordinates; Blender writes both. A warning is added if the file holds
-    Gaussians.
+    Gaussians, or edges without faces.
     """
     header, end, body = data.partition(b"end_header\n")
+    if (edges := _EDGES.search(header)) and not _FACES.search(header):
+        warnings.append(f"its {edges[1].decode()} edges are not drawn, only their ends")
     if _SPLAT.search(header):
         warnings.append(
             "it is a Gaussian splat (f_dc_0 …): its centres are drawn as points, without its Gaussians and colours"

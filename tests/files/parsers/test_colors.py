@@ -186,6 +186,14 @@ def test_the_material_of_an_obj_file_multiplies_its_colors() -> None:
     assert np.frombuffer(shape.colors or b"", np.uint8).reshape(-1, 4)[:, :3].tolist() == (255 * np.eye(3)).tolist()
 
 
+def test_a_material_without_kd_is_white() -> None:
+    """As in VTK and three.js; Assimp writes it beside colours of vertices."""
+    text = "mtllib m.mtl\nusemtl m\nv 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n"
+    result = read_mesh(lambda name: b"newmtl m\nillum 1\n", text.encode(), "obj", LIMITS)
+    assert isinstance(result, MeshData)
+    assert [shape.color for shape in result.shapes] == [(1.0, 1.0, 1.0, 1.0)]
+
+
 @pytest.mark.parametrize(
     ("libraries", "kd"),
     [

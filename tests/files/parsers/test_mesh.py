@@ -189,6 +189,19 @@ def test_edges_of_ply_files_are_not_used(faces: bytes) -> None:
     assert area(binary("element face 2", INDICES, *edges, body=faces + numbers), "ply") == pytest.approx(expected)
 
 
+def test_edges_of_ply_files_without_faces_are_named() -> None:
+    """Open3D writes line sets in this way."""
+    edges, numbers = ("element edge 2", "property int vertex1", "property int vertex2"), struct.pack("<4i", 0, 1, 1, 2)
+    (warning,) = content(binary(*edges, body=numbers), "ply").warnings
+    assert "2 edges" in warning
+
+
+def test_a_compressed_splat_is_named() -> None:
+    """As PlayCanvas writes it."""
+    header = b"ply\nformat binary_little_endian 1.0\nelement vertex 1\nproperty uint packed_position\nend_header\n1234"
+    assert "packed_position" in fault(header, "ply")
+
+
 def test_a_ply_polygon_of_a_million_corners_is_a_fan() -> None:
     faces = struct.pack("<I", 1_000_000) + b"\0\1\2\3" * 250_000 + struct.pack("<I3B", 3, 0, 1, 4)
     (shape,) = content(binary("element face 2", "property list uint uchar vertex_indices", body=faces), "ply").shapes
