@@ -90,7 +90,7 @@ def parse_mesh(
         warnings: Sentences about content that is left out or repaired are appended to this list.
         collada_up_axis: False: COLLADA files are taken as Z up whatever they state, as robot software does.
         gltf_up: Up axis of glTF files; ``auto``: Y, but Z for files that Drake merged.
-        submesh: Name of the node of a COLLADA file whose parts are returned; empty: all parts.
+        submesh: Node of a COLLADA file or group of an OBJ file, by name, whose parts are returned; empty: all.
 
     Raises:
         MeshFormatError: The data does not have that format, has no geometry, or is beyond a limit.

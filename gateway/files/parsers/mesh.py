@@ -19,6 +19,7 @@ from gateway.files.parsers.mesh_data import MeshData, MeshFaultError, MeshOption
 from gateway.files.parsers.obj import (
     with_absolute_faces,
     with_convex_faces,
+    with_one_group,
     with_plain_blanks,
     with_unit_colors,
     without_broken_faces,
@@ -97,6 +98,8 @@ def _read(read_file: ReadFile, data: bytes, extension: str, options: MeshOptions
     libraries: list[str] = []
     if extension == "obj":
         original = data = with_plain_blanks(data)
+        if options.submesh:
+            data = with_one_group(data, options.submesh)
         libraries = [line.decode("utf-8", "replace").strip().strip('"') for line in _LIBRARIES.findall(data)]
         data = with_unit_colors(with_absolute_faces(data))
     result = MeshData()

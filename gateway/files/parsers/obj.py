@@ -121,6 +121,21 @@ def with_unit_colors(data: bytes) -> bytes:
     return _PLAIN_VERTEX.sub(rb"\1 1 1 1", data)
 
 
+def with_one_group(data: bytes, name: str) -> bytes:
+    """Return the file with the faces of the objects and groups of a name only. Raises MeshFaultError if it has none."""
+    lines, is_shown, count = data.splitlines(), False, 0
+    for number, line in enumerate(lines):
+        match line.split():
+            case [b"o" | b"g", *names]:
+                is_shown = name.encode() in (*names, b" ".join(names))
+            case [b"f", *_]:
+                count += is_shown
+                lines[number] = line if is_shown else b""
+    if not count:
+        raise MeshFaultError(f"it has no group {name[:60]!r} with faces")
+    return b"\n".join(lines)
+
+
 def _joined(lines: list[bytes]) -> list[bytes]:
     """Return lines in which one with a backslash at its end holds the next ones, too, and these are empty."""
     joined: list[bytes] = []

@@ -73,7 +73,7 @@ class LinkParts:
     def _read_mesh(self, link: str, mesh: MeshReference, path: Path, data: bytes) -> tuple[Part, ...]:
         warnings: list[str] = []
         extension = Path(mesh.filename).suffix[1:].lower()
-        if mesh.submesh and extension != "dae":
+        if mesh.submesh and extension not in ("dae", "obj"):
             warnings.append("<submesh> is ignored, the whole mesh is shown")
         parts = parse_mesh(
             data,

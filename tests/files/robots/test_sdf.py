@@ -450,9 +450,13 @@ def test_a_submesh_is_the_only_node_that_is_shown(tmp_path: Path) -> None:
         np.testing.assert_allclose(part.X_node_part[:3, 3], offset)
     (warning,) = read(tmp_path, geometry(mesh.format("door", "false"))).warnings
     assert warning.endswith("m.dae is not shown: it has no node 'door' with geometry")
-    write(tmp_path, TRIANGLE, "m.obj")
-    (warning,) = read(tmp_path, geometry(mesh.format("wheel", "false").replace(".dae", ".obj"))).warnings
-    assert warning.endswith("<submesh> is ignored, the whole mesh is shown")
+    write(tmp_path, f"{TRIANGLE}g wheel\nv 0 0 7\nf 1 2 4\n", "m.obj")
+    robot = read(tmp_path, geometry(mesh.format("wheel", "false").replace(".dae", ".obj")))
+    ((part,),) = robot.parts
+    assert isinstance(part.shape, Surface)
+    assert (part.shape.mesh.positions[:, 2].max(), len(part.shape.mesh.positions), robot.warnings) == (7.0, 3, ())
+    (warning,) = read(tmp_path, geometry(mesh.format("door", "false").replace(".dae", ".obj"))).warnings
+    assert warning.endswith("m.obj is not shown: it has no group 'door' with faces")
 
 
 def test_a_client_warns_that_it_does_not_centre_a_mesh(tmp_path: Path) -> None:
