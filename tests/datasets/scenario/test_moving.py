@@ -81,7 +81,7 @@ def animated(path: Path, interpolation: str = "LINEAR") -> None:
     slide = [(0, 0, 0), (4, 0, 0)]
     turn = [(0, 0, 0, 1), (0, 0, half, half)]
     if interpolation == "CUBICSPLINE":
-        slide = [value for each in slide for value in ((0, 0, 0), each, (0, 0, 0))]
+        slide = [value for each in slide for value in ((8, 0, 0), each, (4, 0, 0))]  # in-tangent, value, out-tangent
         turn = [value for each in turn for value in ((0, 0, 0, 0), each, (0, 0, 0, 0))]
     outputs = [builder.accessor(slide), builder.accessor(turn)]
     builder.json["animations"] = [
@@ -99,7 +99,7 @@ def animated(path: Path, interpolation: str = "LINEAR") -> None:
 
 @pytest.mark.parametrize(
     ("interpolation", "x", "degrees"),
-    [("LINEAR", 1.0, 22.5), ("STEP", 0.0, 0.0), ("CUBICSPLINE", 4.0 * (3 / 16 - 2 / 64), None)],
+    [("LINEAR", 1.0, 22.5), ("STEP", 0.0, 0.0), ("CUBICSPLINE", 2 * 4 * 9 / 64 + 4 * 10 / 64 - 2 * 8 * 3 / 64, None)],
 )
 def test_an_animation_of_a_gltf_file(write: Write, interpolation: str, x: float, degrees: float | None) -> None:
     path = write(

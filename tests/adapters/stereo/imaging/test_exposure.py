@@ -195,6 +195,17 @@ async def test_switching_auto_exposure_off_keeps_its_result(start: Start) -> Non
     assert two.left.exposure_time == pytest.approx(image_set.left.exposure_time)
 
 
+async def test_switching_automatic_white_balance_off_keeps_its_result_once(start: Start) -> None:
+    camera = await start(rate="max")
+    set_, values = camera.service.set_parameters, camera.service.parameters.values("rc_camera")
+    set_("rc_camera", [("wb_ratio_red", 3.0), ("wb_ratio_blue", 3.0)])
+    set_("rc_camera", [("wb_auto", False)])
+    assert (values["wb_ratio_red"], values["wb_ratio_blue"]) == (1.2, 2.4)
+    set_("rc_camera", [("wb_ratio_red", 3.0)])
+    set_("rc_camera", [("fps", 5.0)])
+    assert values["wb_ratio_red"] == 3.0
+
+
 @pytest.mark.parametrize("mode", ["matched", "ground_truth"])
 async def test_depth_only_within_its_region(start: Start, mode: str) -> None:
     camera = await start(rate="max", depth_mode=mode)
