@@ -284,7 +284,8 @@ class FrameScheduler:
     async def _has_room(self, frames: FramesInFlight) -> bool:
         """Return False if too many frames are in flight. If frames must not be skipped, wait instead."""
         config = self._imaging.config
-        is_matching = config.depth_mode == "matched" and frames is self._depth_frames
+        # At the device's rates, matching takes no time from images. Without a schedule, all processors are for it.
+        is_matching = config.depth_mode == "matched" and frames is self._depth_frames and not self._unlimited
         limit = 1 if is_matching or self._clock.simulated else config.frames_in_flight
         while len(frames) >= limit:
             if not self._unlimited and not self._clock.simulated:
