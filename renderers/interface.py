@@ -32,6 +32,7 @@ class Output(Flag):
     NORMAL = auto()
     LAMP_SHARE = auto()
     KEY_FACTOR = auto()
+    LIGHT = auto()
 
 
 @dataclass(frozen=True, slots=True)
@@ -88,6 +89,8 @@ class Frame:
     key_factor: NDArray[np.float32] | None = None
     """(H, W + 8) float32, factor of at most 4 by which ``CameraLight.key`` brightens opaque surfaces; 1 on points, on
     lines and on the background. Needs a colour image with one sample per pixel."""
+    light: NDArray[np.float32] | None = None
+    """(H, W + 8) float32, all light of ``CameraLight`` but ``key`` on the surfaces, otherwise as ``key_factor``."""
 
 
 class Renderer(Protocol):

@@ -77,6 +77,10 @@ class _Call:
     addresses: tuple[int, ...]
     """Of the frame's images, in the order of ``_OUTPUTS``; 0: not wanted."""
 
+    def without_color(self) -> _Call:
+        """Return the call for the geometry outputs."""
+        return replace(self, frame=replace(self.frame, color=None), addresses=(0, *self.addresses[1:]))
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _BandRasterizer:
@@ -141,8 +145,9 @@ class CpuRenderer:
         if Output.LAMP_SHARE in outputs:
             fill = np.zeros if look.name == "gltf" else np.ones  # only this look writes it
             frame.lamp_share = fill((camera.height, camera.width + LANES), np.float32)
-        if Output.KEY_FACTOR in outputs:
-            frame.key_factor = np.ones((camera.height, camera.width + LANES), np.float32)
+        for output, name in ((Output.KEY_FACTOR, "key_factor"), (Output.LIGHT, "light")):
+            if output in outputs:
+                setattr(frame, name, np.ones((camera.height, camera.width + LANES), np.float32))
         self._draw(_Call(scene, prepared, camera, look, frame, addresses))
         if frame.depth is not None and camera.depth_origin != 0.0:
             np.subtract(frame.depth, np.float32(camera.depth_origin), out=frame.depth)
@@ -250,19 +255,7 @@ class CpuRenderer:
         if cut_out.any():
             self._draw_cut_geometry(call, cut_out, rasterizer)
         else:
-            self._draw_opaque_geometry(call)
-
-    def _draw_opaque_geometry(self, call: _Call, select: NDArray[np.bool_] | None = None) -> None:
-        """Fill the geometry outputs with opaque instances; ``select``: as in ``visibility``."""
-        job = FrameJob(
-            call.prepared,
-            call.camera,
-            self._threads.threads,
-            select=address_of(select, np.bool_),
-            opaque=True,
-            outputs=call.addresses[1:],
-        )
-        self._threads.share(job.task())
+            self._draw_at_once(call.without_color())
 
     def _draw_cut_geometry(self, call: _Call, cut_out: NDArray[np.bool_], rasterizer: Rasterizer) -> None:
         """Fill the geometry outputs of a scene with cut-outs, whose alpha is that of the colour image."""
@@ -303,23 +296,26 @@ class CpuRenderer:
             select: as in ``visibility``.
         """
         prepared, camera, look, threads = call.prepared, call.camera, call.look, self._threads.threads
-        has_geometry, is_sampled = any(call.addresses[1:]), look.samples != 1
-        if has_geometry and (is_sampled or call.frame.color is None):
-            self._draw_opaque_geometry(call, select)
-        if call.frame.color is None:
-            return
-        shading = _shading(call.scene, prepared, look.name, self.parallel)
+        has_color, outputs, samples = call.frame.color is not None, call.addresses[1:], 1
+        if has_color and look.samples != 1:
+            if any(outputs):
+                self._draw_at_once(call.without_color(), select)
+            outputs, samples = (0, 0, 0, 0), look.samples
+        shading = _shading(call.scene, prepared, look.name, self.parallel) if has_color else None
         job = FrameJob(
             prepared,
             camera,
             threads,
             select=address_of(select, np.bool_),
-            cull_back=address_of(shading.cull_back, np.bool_),
-            keep_back_faces=has_geometry and not is_sampled,
+            cull_back=address_of(shading.cull_back, np.bool_) if shading is not None else 0,
+            keep_back_faces=any(outputs),
             opaque=True,
-            samples=look.samples,
-            outputs=(0, 0, 0, 0) if is_sampled else call.addresses[1:],
+            samples=samples,
+            outputs=outputs,
         )
+        if shading is None:
+            self._threads.share(job.task())
+            return
         shading_job = HeadlightJob(
             shading,
             camera,
@@ -328,10 +324,10 @@ class CpuRenderer:
             X_camera_mesh=job.poses_address,
             stride=job.stride,
             color=call.addresses[0],
-            frame=Frame() if is_sampled else call.frame,
+            frame=call.frame if samples == 1 else Frame(),
         )
-        if is_sampled:
-            bands = allocate_sample_bands(threads, camera, look.samples, job.stride)
-            self._threads.share(job.sampled_task(*bands, mixed_bands(shading_job)))
-        else:
+        if samples == 1:
             self._threads.share(job.task(shading_job.address))
+        else:
+            bands = allocate_sample_bands(threads, camera, samples, job.stride)
+            self._threads.share(job.sampled_task(*bands, mixed_bands(shading_job)))

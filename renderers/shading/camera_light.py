@@ -6,7 +6,7 @@ that no surface is black because it faces away from one of them.
 
 from __future__ import annotations
 
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 
@@ -56,6 +56,14 @@ class CameraLightInputs(Struct):
     shadow_center: F32
     normal_offset: F32  # as in KeyLight
     X_light_camera: Pointer[F32] = inline(12)  # (3, 4), from the optical frame to that of the key light's camera
+
+
+class LightImages(NamedTuple):
+    """Pointers to a segment's pixels in images of Frame; null: not wanted."""
+
+    lamp_share: Pointer[F32]
+    key_factor: Pointer[F32]
+    light: Pointer[F32]
 
 
 class CameraLightJob:
@@ -130,15 +138,6 @@ def diffuse_light(light: CameraLightInputs, normal: F32x8x3, point: F32x8x3) -> 
 
 
 @inlined
-def total_light(light: CameraLightInputs, normal: F32x8x3, point: F32x8x3) -> F32x8:
-    """Return all light on surfaces, the mean of RGB; arguments are those of ``diffuse_light``."""
-    to_lamp, strength = _lamp(light, point)
-    lamp = strength * vec.maximum(dot(normal, to_lamp), vec.f32(0.0))
-    red, green, blue = diffuse_light(light, normal, point)
-    return lamp + ambient_light(light, normal) + (red + green + blue) * vec.f32(1.0 / 3.0)
-
-
-@inlined
 def _lit_share(shadow_depth: Pointer[F32], side: I64, u: F32x8, v: F32x8, z: F32x8) -> F32x8:
     """Return the share of a light that reaches points, from four texels with bilinear weights; 1 outside of the map.
 
@@ -195,29 +194,41 @@ def _key_factor(light: CameraLightInputs, normal: F32x8x3, point: F32x8x3, other
     return vec.minimum(one + added, vec.f32(MAX_KEY_FACTOR))
 
 
+@inlined
+def _store_light_images(
+    light: CameraLightInputs, images: LightImages, x: I64, count: I64, normal: F32x8x3, point: F32x8x3, total: F32x8
+) -> None:
+    """Store ``key_factor`` and ``light`` of the pixels x .. x + 8 of a segment, of which there are ``count``."""
+    is_pixel = vec.iota() < vec.i32(count - x)
+    if address(images.key_factor) != 0:
+        vec.store_where(images.key_factor, x, is_pixel, _key_factor(light, normal, point, total))
+    if address(images.light) != 0:
+        vec.store_where(images.light, x, is_pixel, total)
+
+
 @device_function
-def write_key_factors(light: CameraLightInputs, segment: Segment, count: I64, key_factor: Pointer[F32]) -> None:
-    """Write ``Frame.key_factor`` of the segment's first ``count`` pixels, which ``light_pixels`` does not light."""
+def write_light_images(light: CameraLightInputs, segment: Segment, count: I64, images: LightImages) -> None:
+    """Write ``key_factor`` and ``light`` of the segment's first ``count`` pixels, which have no camera light."""
     pixels = segment.pixels
     for x in range(0, count, vec.LANES):
         normal, point = load3(pixels.normal, x, STRIDE), load3(pixels.point, x, STRIDE)
         normal = times(normal, scale_to(normal, vec.f32(1.0)))
-        factor = _key_factor(light, normal, point, total_light(light, normal, point))
-        vec.store_where(key_factor, x, vec.iota() < vec.i32(count - x), factor)
+        to_lamp, lamp = _lamp(light, point)
+        red, green, blue = diffuse_light(light, normal, point)
+        total = lamp * vec.maximum(dot(normal, to_lamp), vec.f32(0.0)) + ambient_light(light, normal)
+        total = total + (red + green + blue) * vec.f32(1.0 / 3.0)
+        _store_light_images(light, images, x, count, normal, point, total)
 
 
 @device_function
-def light_pixels(
-    light: CameraLightInputs, segment: Segment, count: I64, lamp_share: Pointer[F32], key_factor: Pointer[F32]
-) -> None:
+def light_pixels(light: CameraLightInputs, segment: Segment, count: I64, images: LightImages) -> None:
     """Write the light on the segment's first ``count`` pixels, after ``sample_maps`` and ``apply_normal_map``.
 
     Rows ``normal`` become those that ``vtk_reflected`` reads for the lamp: its light times n . l, its light times the
     specular term, and Schlick's factor, which is 0. The first three rows ``texel`` become all other light, RGB.
 
-    Args:
-        lamp_share, key_factor: pointers to the pixels' values in these images of Frame; null: not wanted.
     """
+    lamp_share = images.lamp_share
     material, pixels, has_lamp = segment.material, segment.pixels, light.lamp > 0.0
     zero, one = vec.f32(0.0), vec.f32(1.0)
     for x in range(0, count, vec.LANES):
@@ -238,9 +249,7 @@ def light_pixels(
         ambient = ambient_light(light, normal) * unoccluded_share(material, pixels, x)
         red, green, blue = diffuse_light(light, normal, point)
         total = lamp * cosine + ambient + (red + green + blue) * vec.f32(1.0 / 3.0)
-        if address(key_factor) != 0:
-            is_pixel = vec.iota() < vec.i32(count - x)
-            vec.store_where(key_factor, x, is_pixel, _key_factor(light, normal, point, total))
+        _store_light_images(light, images, x, count, normal, point, total)
         if address(lamp_share) != 0:
             # Smooth metals reflect dots away from the camera. Limited, and not NaN: the last store overruns into what
             # may be the background.

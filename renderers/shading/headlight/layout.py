@@ -33,5 +33,6 @@ class HeadlightInputs(Struct):
     camera_light: CameraLightInputs
     lamp_share: Pointer[F32]  # (height, width + 8), see Frame; null: not wanted
     key_factor: Pointer[F32]  # likewise
+    light: Pointer[F32]  # likewise
     columns: I64  # address of (rows, stride) int32: image columns of the ids; 0: id k is in column k
     counts: Pointer[I32]  # (rows,), with ``columns``: number of ids of each row

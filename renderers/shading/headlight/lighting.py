@@ -14,7 +14,7 @@ from renderers.compiler.kernel_types import F32, I32, I64, Pointer, i64
 from renderers.compiler.pointers import address, advance, f32_at, stack_array
 from renderers.compiler.simd import F32x8, F32x8x3
 from renderers.shading.brdf import headlight_cosines, schlick, vtk_colors, vtk_reflected, vtk_specular
-from renderers.shading.camera_light import light_pixels, write_key_factors
+from renderers.shading.camera_light import LightImages, light_pixels, write_light_images
 from renderers.shading.headlight.layout import DIRECT, GATHER, HeadlightInputs
 from renderers.shading.headlight.output_merge import packed, write_pixels
 from renderers.shading.interpolation import pixel_columns
@@ -78,8 +78,18 @@ def _store_pixels(
 
 
 @inlined
+def _light_images(job: HeadlightInputs, segment: Segment, begin: I64) -> LightImages:
+    """Return pointers to the row's pixel ``begin``."""
+    return LightImages(
+        _row_of(job, job.lamp_share, segment, begin),
+        _row_of(job, job.key_factor, segment, begin),
+        _row_of(job, job.light, segment, begin),
+    )
+
+
+@inlined
 def _row_of(job: HeadlightInputs, image: Pointer[F32], segment: Segment, begin: I64) -> Pointer[F32]:
-    """Return a pointer to the row's pixel ``begin`` of ``lamp_share`` or ``key_factor``; null if it is not wanted."""
+    """Return a pointer to the row's pixel ``begin`` of an image; null if it is not wanted."""
     if address(image) == 0 or job.mode == GATHER:
         return f32_at(0)
     return advance(image, segment.y * (job.width + vec.LANES) + begin)
@@ -144,9 +154,7 @@ def _shade_pbr(
     Under a camera's light, occlusion reduces the light of sky and ground only (glTF 2.0, 3.9.3).
     """
     if job.has_camera_light != 0:
-        lamp_share = _row_of(job, job.lamp_share, segment, begin)
-        key_factor = _row_of(job, job.key_factor, segment, begin)
-        light_pixels(job.camera_light, segment, count, lamp_share, key_factor)
+        light_pixels(job.camera_light, segment, count, _light_images(job, segment, begin))
     else:
         _light_by_headlight(segment, begin, count)
     material, pixels, has_camera_light = segment.material, segment.pixels, job.has_camera_light != 0
@@ -185,12 +193,9 @@ def _shade_pbr(
 @inlined
 def is_uniform_lambert(job: HeadlightInputs, segment: Segment) -> bool:
     """Return True if the colour of a segment depends on its normals only, and only colour is wanted."""
-    return (
-        job.mode == DIRECT
-        and address(job.key_factor) == 0
-        and segment.material.lighting == LAMBERT
-        and not has_varying_color(segment)
-    )
+    if job.mode != DIRECT or job.has_camera_light != 0:
+        return False
+    return segment.material.lighting == LAMBERT and not has_varying_color(segment)
 
 
 @device_function
@@ -223,10 +228,9 @@ def shade(job: HeadlightInputs, segment: Segment, begin: I64, end: I64, packed_r
     has_rows = has_varying_color(segment) or job.mode != DIRECT
     if has_rows:
         fill_base_color(segment, count, job.mode != DIRECT)
-    key_factor = _row_of(job, job.key_factor, segment, begin)
-    is_lit_by_camera = material.lighting == METALLIC_ROUGHNESS and job.has_camera_light != 0
-    if address(key_factor) != 0 and segment.instance.topology == TRIANGLES and not is_lit_by_camera:
-        write_key_factors(job.camera_light, segment, count, key_factor)
+    wants_light = address(job.key_factor) != 0 or address(job.light) != 0
+    if wants_light and segment.instance.topology == TRIANGLES and material.lighting != METALLIC_ROUGHNESS:
+        write_light_images(job.camera_light, segment, count, _light_images(job, segment, begin))
     if material.lighting == UNLIT:
         _shade_unlit(job, segment, has_rows, begin, count, packed_row)
     elif material.lighting == LAMBERT:

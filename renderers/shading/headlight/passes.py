@@ -45,7 +45,7 @@ def paint(
         rasterizer: renders visibility buffers, and runs bands in parallel.
         scene: the draw list that ``shading`` was prepared from, with ``look.name``.
         color: (H, W, 3) uint8, C-contiguous; every pixel is written.
-        frame: its ``lamp_share`` and ``key_factor`` are filled, of the opaque surfaces.
+        frame: its ``lamp_share``, ``key_factor`` and ``light`` are filled, of the opaque surfaces.
     """
     cull_back, transparent, blended = shading.cull_back, shading.transparent, shading.blended_in_place
     if not shading.has_transparency:
@@ -133,6 +133,7 @@ class HeadlightJob:
             has_camera_light=light is not None,
             lamp_share=address_of(frame.lamp_share, np.float32),
             key_factor=address_of(frame.key_factor, np.float32) if has_key else 0,
+            light=address_of(frame.light, np.float32) if light is not None else 0,
             camera_light=light.address if light is not None else 0,
         )
         self.address = address_of(job, HeadlightInputs.dtype)

@@ -6,11 +6,10 @@ from collections.abc import Sequence
 from functools import cache
 from typing import Final
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from renderers.compiler.jit import kernel
-from renderers.compiler.kernel_types import I64, Array1, Array3, u32
 from renderers.stereo.sensor.exposure import DISPLAY_GAMMA
 
 _ROTATION_TOLERANCE: Final = 1e-6
@@ -55,65 +54,20 @@ def write_mean_light(image: NDArray[np.uint8], column: int, row: int, others: Se
         others: (h, w, 3) uint8 each, C-contiguous: other images of the rectangle; at least one, at most 64.
     """
     light_of_level, level_of_light = _light_tables()
-    sums = np.zeros(others[0].shape, np.uint32)
+    height, width = others[0].shape[:2]
+    part, count = image[row : row + height, column : column + width], len(others) + 1
+    sums = cv2.LUT(part, light_of_level)
     for other in others:
-        add_light(other, light_of_level, sums)
-    write_mean(sums, len(others) + 1, light_of_level, level_of_light, row, column, image)
+        cv2.add(sums, cv2.LUT(other, light_of_level), dst=sums)
+    part[:] = level_of_light[(sums + count // 2) // count]
 
 
 @cache
-def _light_tables() -> tuple[NDArray[np.uint32], NDArray[np.uint8]]:
-    """Return the light of each level, (256,) uint32, and the level of each light, (65536,) uint8; 65535 is white."""
-    light = np.rint(65535.0 * (np.arange(256) / 255.0) ** DISPLAY_GAMMA).astype(np.uint32)
+def _light_tables() -> tuple[NDArray[np.int32], NDArray[np.uint8]]:
+    """Return the light of each level, (256,) int32, and the level of each light, (65536,) uint8; 65535 is white."""
+    light = np.rint(65535.0 * (np.arange(256) / 255.0) ** DISPLAY_GAMMA).astype(np.int32)
     borders = 65535.0 * ((np.arange(1, 256) - 0.5) / 255.0) ** DISPLAY_GAMMA
     levels = np.searchsorted(borders, np.arange(65536), side="right").astype(np.uint8)
     levels[light] = np.arange(256)  # levels 0 and 1 both have the light 0 in 16 bits
     levels[0] = 0
     return light, levels
-
-
-@kernel
-def add_light(image: Array3[np.uint8], light_of_level: Array1[np.uint32], sums: Array3[np.uint32]) -> None:
-    """Add the light of an image to sums of light.
-
-    Args:
-        image: (h, w, 3).
-        light_of_level: (256,), ``_light_tables``.
-        sums: (h, w, 3), changed.
-    """
-    height, width = image.shape[:2]
-    for row in range(height):
-        for column in range(width):
-            for channel in range(3):
-                sums[row, column, channel] += light_of_level[image[row, column, channel]]
-
-
-@kernel
-def write_mean(
-    sums: Array3[np.uint32],
-    count: I64,
-    light_of_level: Array1[np.uint32],
-    level_of_light: Array1[np.uint8],
-    first_row: I64,
-    first_column: I64,
-    image: Array3[np.uint8],
-) -> None:
-    """Write the mean light of a rectangle of an image and of other images.
-
-    Args:
-        sums: (h, w, 3), sums of the light of ``count`` - 1 images.
-        count: number of images, ``image`` included.
-        light_of_level: (256,), ``_light_tables``.
-        level_of_light: (65536,), ``_light_tables``.
-        first_row: upper row of the rectangle.
-        first_column: left column of the rectangle.
-        image: (H, W, 3), changed.
-    """
-    height, width = sums.shape[:2]
-    divisor, half = u32(count), u32(count // 2)
-    for row in range(height):
-        for column in range(width):
-            for channel in range(3):
-                old = light_of_level[image[first_row + row, first_column + column, channel]]
-                mean = (sums[row, column, channel] + old + half) // divisor
-                image[first_row + row, first_column + column, channel] = level_of_light[mean]

@@ -30,7 +30,7 @@ class Surfaces:
     returned: tuple[NDArray[np.int32], NDArray[np.float32]]
     """(H, W) int32 instances and (I,) float32 ``returned_shares`` of them."""
     light: NDArray[np.float32]
-    """(H, W) float32, ``scene_light``."""
+    """(H, W or more) float32, ``Frame.light``."""
 
 
 def add_dots(
@@ -93,7 +93,7 @@ def _add_dots(
         cells_per_pixel: cells of the pattern per pixel of the projector's image.
         ids: (H, W), instance at every pixel.
         shares: (I,), share of the light that each instance returns.
-        other_light: (H, W), the surfaces' other light, which dots are relative to.
+        other_light: (H, W or more), the surfaces' other light, which dots are relative to.
     """
     height, width = depth.shape
     rows, columns = projector_depth.shape

@@ -1,4 +1,4 @@
-"""Light that the lamp, the sky, the ground and further lights give to each pixel's surface (``shading.camera_light``).
+"""Light of camera images (``shading.camera_light``): lamp, sky, ground, further lights, and the key light's shadow map.
 
 A rendered image is the product of it and of what surfaces reflect. Light that is added to the image afterwards, a
 projector's or the key light's, is divided by it.
@@ -15,13 +15,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from renderers.camera import Camera
-from renderers.compiler import simd as vec
-from renderers.compiler.jit import kernel
-from renderers.compiler.kernel_types import F64, I64, Address
-from renderers.compiler.pointers import address_of, f32_at
 from renderers.drawlist import Light, LightKind
 from renderers.light_rig import STUDIO, CameraLight
-from renderers.shading.camera_light import MIN_AMBIENT, CameraLightInputs, CameraLightJob, total_light
+from renderers.shading.camera_light import MIN_AMBIENT
 from renderers.shading.studio.shadows import light_camera, metres_per_pixel
 from renderers.stereo.light.levels import LightLevels
 
@@ -72,75 +68,6 @@ def _illuminance(light: Light, position: NDArray[np.float64]) -> float:
     if light.kind is LightKind.DIRECTIONAL:
         return brightest
     return brightest / max(float(np.linalg.norm(position - light.position)), _MIN_DISTANCE) ** 2
-
-
-def scene_light(
-    depth: NDArray[np.float32], normal: NDArray[np.float32], camera: Camera, light: CameraLight
-) -> NDArray[np.float32]:
-    """Return the light on each pixel's surface, (H, W) float32; 1 on the background and on unlit surfaces.
-
-    Args:
-        depth: (H, W) float32, metres, +inf: background.
-        normal: (H, W, 3) float32, unit normals in the camera's frame; 0: unlit (points, lines).
-        camera: camera of ``depth`` and ``normal``.
-        light: parts of the light.
-    """
-    height, width = depth.shape
-    job, total = CameraLightJob(light, camera), np.empty(height * width + vec.LANES, np.float32)
-    _write_light(
-        job.address,
-        address_of(depth, np.float32),
-        address_of(normal, np.float32),
-        *(camera.fx, camera.fy, camera.cx, camera.cy),
-        *(width, height),
-        address_of(total, np.float32),
-    )
-    return total[: height * width].reshape(height, width)
-
-
-@kernel
-def _write_light(
-    light_address: Address,
-    depth_address: Address,
-    normal_address: Address,
-    fx: F64,
-    fy: F64,
-    cx: F64,
-    cy: F64,
-    width: I64,
-    height: I64,
-    total_address: Address,
-) -> None:
-    """Write ``scene_light``, and up to seven values more.
-
-    Args:
-        light_address: address of a CameraLightInputs.
-        depth_address, normal_address, total_address: addresses of the first pixels.
-    """
-    light, depth, normals, total = (
-        CameraLightInputs(light_address),
-        f32_at(depth_address),
-        f32_at(normal_address),
-        f32_at(total_address),
-    )
-    zero, one, last = vec.f32(0.0), vec.f32(1.0), vec.i32(width * height - 1)
-    for row in range(height):
-        ray_y = vec.f32((row + 0.5 - cy) / fy)
-        for column in range(0, width, vec.LANES):
-            pixel = vec.minimum(vec.i32(row * width + column) + vec.iota(), last)
-            ray_x = (vec.to_f32(vec.i32(column) + vec.iota()) + vec.f32(0.5 - cx)) * vec.f32(1.0 / fx)
-            z, first = vec.gather(depth, pixel), pixel * vec.i32(3)
-            normal = (
-                vec.gather(normals, first),
-                vec.gather(normals, first + vec.i32(1)),
-                vec.gather(normals, first + vec.i32(2)),
-            )
-            is_lit = (z < vec.f32(np.inf)) & (
-                normal[0] * normal[0] + normal[1] * normal[1] + normal[2] * normal[2] > zero
-            )
-            z = vec.select(is_lit, z, one)
-            light_here = total_light(light, normal, (ray_x * z, ray_y * z, z))
-            vec.store(total, row * width + column, vec.select(is_lit, light_here, one))
 
 
 def shadow_camera(depth: NDArray[np.float32], camera: Camera, divisor: int) -> Camera | None:

@@ -34,21 +34,3 @@ def _normal_table() -> NDArray[np.float32]:
 NORMAL_TABLE: Final = _normal_table()
 """(4096,) float32, quantiles of the standard normal distribution, scaled to unit variance. 12 random bits select
 one."""
-
-
-def normals(key: np.uint64, counters: NDArray[np.int64]) -> NDArray[np.float64]:
-    """Return a standard normal number for each counter, without compiled code; bits as ``random64``.
-
-    Args:
-        key: 64-bit random key.
-        counters: int64, any shape.
-
-    Returns:
-        float64 of the same shape.
-    """
-    bits = key + counters.astype(np.uint64) * np.uint64(0x9E3779B97F4A7C15)
-    bits = (bits ^ (bits >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
-    bits = (bits ^ (bits >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)
-    bits ^= bits >> np.uint64(31)
-    numbers: NDArray[np.float64] = NORMAL_TABLE[bits >> np.uint64(52)].astype(np.float64)
-    return numbers

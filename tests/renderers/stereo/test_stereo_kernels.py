@@ -8,7 +8,6 @@ from numpy.typing import NDArray
 
 from renderers.camera import Camera
 from renderers.compiler.jit import KERNELS
-from renderers.light_rig import CameraLight
 from renderers.stereo.depth.depth_images import DepthImages, DepthRange, exact_images, true_disparity
 from renderers.stereo.depth.filters import Filters, apply_filters, fill_holes
 from renderers.stereo.depth.matching import fine_means, match_pair
@@ -17,7 +16,6 @@ from renderers.stereo.lens.color_camera import ColorCamera
 from renderers.stereo.lens.motion_blur import write_mean_light
 from renderers.stereo.light.posed_projector import Surfaces, add_dots
 from renderers.stereo.light.projector import projected_dots
-from renderers.stereo.light.scene_light import scene_light
 from renderers.stereo.mesh import mesh_kernels as mesh
 from renderers.stereo.mesh.disparity_mesh import MeshOptions, disparity_mesh
 from renderers.stereo.model import Intrinsics
@@ -48,8 +46,6 @@ def test_every_kernel_is_called_with_the_types_of_its_signature() -> None:
     returned = np.zeros((24, 40), np.int32), np.ones(1, np.float32)
     surfaces = Surfaces(camera, depth, np.zeros((24, 40, 3), np.float32), returned, np.ones_like(depth))
     add_dots(dots, surfaces, camera, depth, 1.0, soft=False, right=False)
-    normal = np.ones((12, 20, 3), np.float32)
-    scene_light(depth[:12, :20].copy(), normal, camera, CameraLight((0.0, 0.0, 0.0), 0.5, 1.0, 0.5))
     factors = np.ones((24, 48), np.float32)
     for light, color in ((SceneLight(dots, 1.0, factors), True), (SceneLight(), False)):
         on_sensor = light_on_sensor(
@@ -67,7 +63,7 @@ def test_every_kernel_is_called_with_the_types_of_its_signature() -> None:
     disparity_mesh(images.disparity, k, 0.2, MeshOptions(watertight=True, textured=True), image)
     align_depth(np.full((24, 40), 2000, np.uint16), k, ColorCamera(k, (0.0, 0.0, 0.0)))
     kernels = [kernel for kernel in KERNELS if kernel.py_func.__module__.startswith("renderers.stereo.")]
-    assert len(kernels) == 26
+    assert len(kernels) == 23
     for kernel in kernels:
         assert kernel.signatures, f"{kernel.py_func.__name__} was not called"
         kernel.compile()

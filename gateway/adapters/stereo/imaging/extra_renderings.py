@@ -18,7 +18,7 @@ from renderers.light_rig import KeyLight
 from renderers.stereo.lens.motion_blur import write_mean_light
 from renderers.stereo.light.posed_projector import Surfaces, add_dots
 from renderers.stereo.light.projector import projected_dots, returned_shares
-from renderers.stereo.light.scene_light import NORMAL_OFFSET, scene_light, shadow_camera
+from renderers.stereo.light.scene_light import NORMAL_OFFSET, shadow_camera
 
 
 def key_light(renderer: Renderer, look: Look, level: float, scene: DrawList, camera: Camera) -> KeyLight | None:
@@ -91,7 +91,8 @@ def light_of_projectors(
     Args:
         look: look of the surfaces that dots fall on, with their other light.
         capture: scene and pose, with the projectors of other cameras.
-        frame: the rendered depth and instances; the share of the lamp, and with other projectors normals.
+        frame: the rendered depth and instances; the share of the lamp, and with other projectors normals and
+            light.
         offset: metres from the left camera to that of the frame, along its x axis.
         divisor: width of the camera images divided by that of the frame.
         has_own: True if the camera's own projector is on.
@@ -123,10 +124,8 @@ def light_of_projectors(
     if not capture.projectors:
         return dots
     assert frame.normal is not None
-    assert look.camera_light is not None
-    camera = camera_at(offset=offset)
-    other_light = scene_light(frame.depth, frame.normal, camera, look.camera_light)
-    surfaces = Surfaces(camera, frame.depth, frame.normal, returned, other_light)
+    assert frame.light is not None
+    surfaces = Surfaces(camera_at(offset=offset), frame.depth, frame.normal, returned, frame.light)
     for other in capture.projectors:
         projector = other.camera(divisor, near=config.near, far=config.far)
         projector_view = renderer.render(capture.scene, projector, Output.DEPTH, look)

@@ -284,7 +284,7 @@ class Imaging:
         outputs = Output.COLOR | Output.KEY_FACTOR if key is not None else Output.COLOR
         has_own = capture.has_projection(self.config)
         if capture.projectors:
-            outputs |= Output.DEPTH | Output.INSTANCE | Output.NORMAL
+            outputs |= Output.DEPTH | Output.INSTANCE | Output.NORMAL | Output.LIGHT
         if has_own:
             outputs |= Output.DEPTH | Output.INSTANCE | Output.LAMP_SHARE
         frame = self.render_lit(capture, offset, divisor, outputs, key)
