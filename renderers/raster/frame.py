@@ -18,7 +18,7 @@ from renderers.msaa import SampleBand, lane_lists, sample_offsets
 from renderers.raster.coverage import draw_band
 from renderers.raster.frame_phases import run_phases
 from renderers.raster.frame_setup import set_up_frame
-from renderers.raster.layout import CHUNK_SIZE, CHUNK_WORDS, MAX_SIDE, Chunk, Draw, Primitive, RasterFrame
+from renderers.raster.layout import CHUNK_SIZE, CHUNK_WORDS, FRAGMENT_CAPACITY, Chunk, Draw, Primitive, RasterFrame
 from renderers.raster.msaa.edges import draw_samples, find_edges
 from renderers.raster.resolve import resolve_band
 from renderers.raster.resolve_normals import resolve_normals
@@ -46,7 +46,7 @@ class FrameJob:
         samples: int = 1,
         outputs: Sequence[int] = (0, 0, 0, 0),
         has_layer: bool = False,
-        bands: range | None = None,
+        bands: NDArray[np.int32] | None = None,
     ) -> None:
         """
         Args:
@@ -70,17 +70,20 @@ class FrameJob:
         work_memory, work_addresses = aligned_parts(sizes)
         self.poses_address = work_addresses["X_camera_mesh"]
         """Address of ``X_camera_mesh``."""
-        chunks = work_addresses["chunks"] - address_of(work_memory, np.uint8)
-        self._chunks = work_memory[chunks : chunks + sizes["chunks"]].view(Chunk.dtype)
+        chunks, chunk_memory = (
+            work_memory[work_addresses[name] - address_of(work_memory, np.uint8) :][: sizes[name]]
+            for name in ("chunks", "chunk_memory")
+        )
+        self._chunks, self._chunk_memory = chunks.view(Chunk.dtype), chunk_memory.view(np.int32)
         self.X_camera_mesh: NDArray[np.float64] = work_memory[: 128 * count].view(np.float64).reshape(-1, 4, 4)
         """(I, 4, 4) float64 as in ``Visibility``."""
         # The task and what its kernels read must outlive them.
-        self._keep: list[object] = [prepared, work_memory]
+        self._keep: list[object] = [prepared, work_memory, bands]
         # Not in ``work_memory``: late helper threads read it after the job is gone.
         memory = np.zeros(RasterFrame.nbytes // 8, np.int64)
         self._frame, self._frame_address = memory.view(RasterFrame.dtype), address_of(memory, np.int64)
         depth, label, instance, normal = outputs
-        bands = range(band_count(camera.height)) if bands is None else bands
+        self._band_count = band_count(camera.height)
         self._frame[0] = RasterFrame.record(
             stride=self.stride,
             samples=samples,
@@ -91,8 +94,8 @@ class FrameJob:
             keep_back_faces=keep_back_faces,
             width=camera.width,
             height=camera.height,
-            first_drawn_band=bands.start,
-            drawn_band_count=len(bands),
+            drawn_bands=address_of(bands, np.int32),
+            drawn_band_count=self._band_count if bands is None else len(bands),
             fx=camera.fx,
             fy=camera.fy,
             cx=camera.cx,
@@ -178,11 +181,18 @@ class FrameJob:
             frame["shade_kernel"], frame["shade_job"] = _kernel_address(shade_rows), shade_job
         return Task(frame, self._frame_address, self._useful_threads)
 
-    def touched_bands(self) -> range:
-        """Return the bands from the first to the last one that primitives touch, after a task with any ``bands``."""
+    def touched_bands(self) -> NDArray[np.int32]:
+        """Return the bands that primitives touch, after a task with any ``bands``."""
         chunks = self._chunks[: int(self._frame["chunk_count"][0])]
-        first, last = chunks["first_band"].min(initial=MAX_SIDE), chunks["last_band"].max(initial=-1)
-        return range(int(first), int(last) + 1) if first <= last else range(0)
+        memory = self._chunk_memory[: len(chunks) * CHUNK_WORDS].reshape(-1, CHUNK_WORDS)
+        bins = memory[:, :CHUNK_SIZE][np.arange(CHUNK_SIZE) < chunks["count"][:, None]]
+        pixels = memory[:, CHUNK_SIZE : CHUNK_SIZE + FRAGMENT_CAPACITY]
+        pixel_bands = pixels[np.arange(FRAGMENT_CAPACITY) < chunks["fragment_count"][:, None]] // (
+            BAND_ROWS * self.stride
+        )
+        first, last = np.append(bins & 0xFFFF, pixel_bands), np.append(bins >> 16, pixel_bands)
+        begun, ended = (np.bincount(each, minlength=self._band_count + 1) for each in (first, last + 1))
+        return np.flatnonzero(np.cumsum(begun - ended)).astype(np.int32)
 
     def sampled_task(self, bands: int, memory: object, shader: SampledShader) -> Task:
         """``task`` for several samples per pixel.

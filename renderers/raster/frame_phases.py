@@ -15,7 +15,7 @@ from typing import Final
 from renderers.compiler.device_function import device_function, inlined
 from renderers.compiler.jit import kernel
 from renderers.compiler.kernel_calls import atomic_add_one, call_kernel, is_set, load_acquire, yield_at
-from renderers.compiler.kernel_types import I64, Address
+from renderers.compiler.kernel_types import I64, Address, i64
 from renderers.compiler.pointers import address
 from renderers.raster.layout import BANDS, FIRST_PASS, KEPT_BACK_FACES, PHASE_COUNT, SETUP, TRANSFORM, RasterFrame
 from renderers.visibility_buffer import BAND_ROWS
@@ -78,7 +78,8 @@ def _run_unit(frame: RasterFrame, phase: I64, unit: I64, band_memory: Address) -
         end = min(begin + frame.chunks_per_unit, frame.chunk_count)
         call_kernel(frame.setup_kernel, (address(frame), begin, end))
     else:
-        first_row = (frame.first_drawn_band + unit) * BAND_ROWS
+        band = i64(frame.drawn_bands[unit]) if address(frame.drawn_bands) != 0 else unit
+        first_row = band * BAND_ROWS
         end_row = min(first_row + BAND_ROWS, frame.height)
         if frame.samples > 1:
             _draw_and_shade_samples(frame, first_row, end_row, band_memory)

@@ -185,7 +185,7 @@ class RasterFrame(Struct):
     width: I64  # pixels
     height: I64
     stride: I64  # pixels from one row of a visibility layer to the next: a multiple of eight
-    first_drawn_band: I64  # bands that are drawn
+    drawn_bands: Pointer[I32]  # (drawn_band_count,): bands that are drawn; null: all
     drawn_band_count: I64
     fx: F64  # camera intrinsics, pixels
     fy: F64

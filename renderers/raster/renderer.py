@@ -87,7 +87,7 @@ class _BandRasterizer:
     """The ``Rasterizer`` that draws and shades some bands of the images only. Layers see nothing in the others."""
 
     renderer: CpuRenderer
-    bands: range
+    bands: NDArray[np.int32]
 
     def visibility(self, scene: DrawList, camera: Camera, **bounds: Any) -> Visibility:
         return self.renderer.visibility(scene, camera, bands=self.bands, **bounds)
@@ -96,7 +96,7 @@ class _BandRasterizer:
         raise NotImplementedError
 
     def parallel(self, units: int, work: Callable[[int], object]) -> None:
-        self.renderer.parallel(len(self.bands), lambda k: work(self.bands[k]))
+        self.renderer.parallel(len(self.bands), lambda k: work(int(self.bands[k])))
 
 
 def _cut_outs(call: _Call) -> NDArray[np.bool_]:
@@ -164,7 +164,7 @@ class CpuRenderer:
         before: Visibility | None = None,
         earlier: NDArray[np.int32] | None = None,
         latest: bool = False,
-        bands: range | None = None,
+        bands: NDArray[np.int32] | None = None,
     ) -> Visibility:
         """As ``Rasterizer.visibility``; ``bands``: bands of the image to draw, beyond which nothing is seen."""
         prepared = prepare(scene)
@@ -221,7 +221,7 @@ class CpuRenderer:
             bands = self._touched_bands(call, see_through)
             if 2 * len(bands) <= band_count(call.camera.height):
                 self._draw_at_once(call, ~see_through)
-                if not bands:
+                if not len(bands):
                     return
                 rasterizer = _BandRasterizer(self, bands)
         if call.frame.color is None:
@@ -233,32 +233,27 @@ class CpuRenderer:
         """Return the instances that are not opaque in all outputs, (I,) bool; none in colour images of ``studio``."""
         if call.frame.color is None:
             return _cut_outs(call)
-        none = np.zeros(call.prepared.instances.counts[0], np.bool_)
         if call.look.name == "studio":
-            return none
+            return np.zeros(call.prepared.instances.counts[0], np.bool_)
         shading = _shading(call.scene, call.prepared, call.look.name, self.parallel)
-        if not shading.has_transparency:
-            return none
-        cut_out = _cut_outs(call) if any(call.addresses[1:]) else none
-        return shading.transparent | shading.blended_in_place | cut_out
+        see_through = shading.transparent | shading.blended_in_place
+        if shading.has_transparency and any(call.addresses[1:]):
+            see_through |= _cut_outs(call)
+        return see_through
 
-    def _touched_bands(self, call: _Call, select: NDArray[np.bool_]) -> range:
-        """Return the bands from the first to the last one that some instances touch."""
-        selected, threads = address_of(select, np.bool_), self._threads.threads
-        job = FrameJob(call.prepared, call.camera, threads, select=selected, has_layer=True, bands=range(0))
+    def _touched_bands(self, call: _Call, select: NDArray[np.bool_]) -> NDArray[np.int32]:
+        """Return the bands that some instances touch."""
+        selected, threads, none = address_of(select, np.bool_), self._threads.threads, np.empty(0, np.int32)
+        job = FrameJob(call.prepared, call.camera, threads, select=selected, has_layer=True, bands=none)
         self._threads.share(job.task())
         return job.touched_bands()
 
     def _draw_geometry(self, call: _Call, rasterizer: Rasterizer) -> None:
-        """Fill the geometry outputs; the visibility layer itself is not kept."""
+        """Fill the geometry outputs, with cut-outs by the alpha of the colour image."""
         cut_out = _cut_outs(call)
-        if cut_out.any():
-            self._draw_cut_geometry(call, cut_out, rasterizer)
-        else:
+        if not cut_out.any():
             self._draw_at_once(call.without_color())
-
-    def _draw_cut_geometry(self, call: _Call, cut_out: NDArray[np.bool_], rasterizer: Rasterizer) -> None:
-        """Fill the geometry outputs of a scene with cut-outs, whose alpha is that of the colour image."""
+            return
         scene, camera = call.scene, call.camera
         look = replace(call.look, name="gltf") if call.look.name == "studio" else call.look
         solid = partial(solid_pixels, rasterizer, _shading(scene, call.prepared, look.name, self.parallel), look)
@@ -268,10 +263,7 @@ class CpuRenderer:
         rasterizer.parallel(band_count(camera.height), job.resolver(visible))
 
     def _draw_color(self, call: _Call, color: NDArray[np.uint8], rasterizer: Rasterizer) -> None:
-        """Fill all outputs, colour included.
-
-        Translucent scenes and the studio look need further rasterizations.
-        """
+        """Fill all outputs, colour included; translucent scenes and the studio look take several rasterizations."""
         scene, camera, look = call.scene, call.camera, call.look
         shading = _shading(scene, call.prepared, look.name, self.parallel)
         if look.name != "studio" and not shading.has_transparency:
