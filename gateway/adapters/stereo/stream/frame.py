@@ -100,6 +100,8 @@ class FrameImages:
         self.record = record
         self.left_metered: MeteredExposure | None = None
         """Exposure of the left image; None until a set with this image is serialised."""
+        self.measuring = asyncio.Event()
+        """Set when the images for depth are made, and depth is measured in them."""
         self._workers = workers
         self._imaging, self._settings = record.imaging, record.settings
         self._camera_capture, self._depth_capture = record.camera_capture, record.depth_capture
@@ -165,6 +167,7 @@ class FrameImages:
             is_darker = capture.has_projection(config) and not dark_capture.out1_high
             if settings.double_shot and config.depth_mode == "matched" and is_darker:
                 dark_pair = await self._image_pair(dark_capture, NoiseStream.LEFT_SECOND, NoiseStream.RIGHT_SECOND)
+            self.measuring.set()
             return await self._workers.run(self._imaging.measure, capture, settings, pair, dark_pair)
 
     @once

@@ -60,6 +60,11 @@ class FramesInFlight:
     def __len__(self) -> int:
         return len(self.tasks)
 
+    @property
+    def is_measured(self) -> bool:
+        """True if the newest frame in flight needs no more images for depth."""
+        return not self.tasks or self.last is None or self.last.measuring.is_set()
+
     def cancel(self) -> None:
         """Cancel the frames in flight."""
         for task in self.tasks:

@@ -282,19 +282,25 @@ class FrameScheduler:
         return camera_kinds, depth_kinds
 
     async def _has_room(self, frames: FramesInFlight) -> bool:
-        """Return False if too many frames are in flight. If frames must not be skipped, wait instead."""
+        """Return False if too many frames are in flight. If frames must not be skipped, wait instead.
+
+        At rate ``max``, the images of one frame are made while the one before is matched; otherwise, matching takes no
+        time from images.
+        """
         config = self._imaging.config
-        # At the device's rates, matching takes no time from images. Without a schedule, all processors are for it.
-        is_matching = config.depth_mode == "matched" and frames is self._depth_frames and not self._unlimited
-        limit = 1 if is_matching or self._clock.simulated else config.frames_in_flight
-        while len(frames) >= limit:
+        is_matching = config.depth_mode == "matched" and frames is self._depth_frames
+        limit = 1 if (is_matching and not self._unlimited) or self._clock.simulated else config.frames_in_flight
+        while len(frames) >= limit or (is_matching and not frames.is_measured):
             if not self._unlimited and not self._clock.simulated:
                 self._counts.skipped += 1
                 return False
             self._hub.scheduler_wakeup.clear()
-            wakeup = asyncio.ensure_future(self._hub.scheduler_wakeup.wait())
-            await asyncio.wait((*frames.tasks, wakeup), return_when=asyncio.FIRST_COMPLETED)
-            wakeup.cancel()
+            waits = [asyncio.ensure_future(self._hub.scheduler_wakeup.wait())]
+            if frames.last is not None and not frames.is_measured:
+                waits.append(asyncio.ensure_future(frames.last.measuring.wait()))
+            await asyncio.wait((*frames.tasks, *waits), return_when=asyncio.FIRST_COMPLETED)
+            for each in waits:
+                each.cancel()
             if len(self._hub) == 0:
                 self._cancel_frames()
                 return False

@@ -33,14 +33,13 @@ async def test_an_event_for_every_depth_set_and_before_it(start: Start) -> None:
     events = await listen(camera)
     sets = camera.stream(disparity_enabled=True)
     for _ in range(3):
-        event = await events.read()
-        assert event.HasField("depth_acquisition_done")
-        image_set = await sets.read()
-        while (image_set.timestamp.sec, image_set.timestamp.nsec) < (
-            event.imageset_timestamp.sec,
-            event.imageset_timestamp.nsec,
+        image_set, event = await sets.read(), await events.read()
+        while (event.imageset_timestamp.sec, event.imageset_timestamp.nsec) < (
+            image_set.timestamp.sec,
+            image_set.timestamp.nsec,
         ):
-            image_set = await sets.read()
+            event = await events.read()
+        assert event.HasField("depth_acquisition_done")
         assert image_set.timestamp == event.imageset_timestamp
         done, taken = event.depth_acquisition_done.timestamp, event.imageset_timestamp
         assert (done.sec, done.nsec) >= (taken.sec, taken.nsec)
