@@ -28,7 +28,7 @@ async def listen(camera: Camera, *, enabled: bool = True) -> Call:
     return call
 
 
-async def test_an_event_for_every_depth_set_and_before_it(start: Start) -> None:
+async def test_an_event_for_every_depth_set(start: Start) -> None:
     camera = await start(rate="max", depth_mode="matched")
     events = await listen(camera)
     sets = camera.stream(disparity_enabled=True)
