@@ -27,11 +27,11 @@ bytes.
 
 Parameters of device functions that mean the same everywhere have no line of their own:
 
-- ``job``, ``segment``, ``spans``, ``pixels``, ``material``, ``texture``, ``surfaces``, ``lighting``: the struct of this
-  name; ``job`` is ShadingInputs or a look's own.
+- ``job``, ``context``, ``spans``, ``pixels``, ``material``, ``texture``, ``surfaces``, ``lighting``: the struct of this
+  name; ``context`` is a ShadingContext, ``job`` ShadingInputs or a look's own.
 - ``count``: number of pixels of the part that is shaded; ``x``: index in the part of the first of eight pixels. Where
   a function has ``begin``, ``end`` or ``packed_row``, ``x`` is an index in the row of pixels instead.
-- ``y``: row of the image. ``column``: column of the image. Pixel k of a row is in column k, unless Segment has
+- ``y``: row of the image. ``column``: column of the image. Pixel k of a row is in column k, unless ShadingContext has
   ``columns``.
 - ``span``: index of a span in the row; ``at``: index of the first of eight spans in Spans.
 - ``rows``: pointer to rows of Spans or ShadedPixels. ``packed_row``: pointer to int32, see ``packed_rows``.

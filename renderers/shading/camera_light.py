@@ -19,7 +19,7 @@ from renderers.compiler.simd import F32x8, F32x8x3
 from renderers.compiler.structs import Struct, inline
 from renderers.light_rig import CameraLight, KeyLight
 from renderers.shading.brdf import vtk_specular
-from renderers.shading.layout import STRIDE, Segment
+from renderers.shading.layout import STRIDE, ShadingContext
 from renderers.shading.material import unoccluded_share
 from renderers.shading.studio.layout import StudioLight
 from renderers.shading.studio.lighting import direction_and_attenuation
@@ -207,9 +207,9 @@ def _store_light_images(
 
 
 @device_function
-def write_light_images(light: CameraLightInputs, segment: Segment, count: I64, images: LightImages) -> None:
+def write_light_images(light: CameraLightInputs, context: ShadingContext, count: I64, images: LightImages) -> None:
     """Write ``key_factor`` and ``light`` of the segment's first ``count`` pixels, which have no camera light."""
-    pixels = segment.pixels
+    pixels = context.pixels
     for x in range(0, count, vec.LANES):
         normal, point = load3(pixels.normal, x, STRIDE), load3(pixels.point, x, STRIDE)
         normal = times(normal, scale_to(normal, vec.f32(1.0)))
@@ -221,7 +221,7 @@ def write_light_images(light: CameraLightInputs, segment: Segment, count: I64, i
 
 
 @device_function
-def light_pixels(light: CameraLightInputs, segment: Segment, count: I64, images: LightImages) -> None:
+def light_pixels(light: CameraLightInputs, context: ShadingContext, count: I64, images: LightImages) -> None:
     """Write the light on the segment's first ``count`` pixels, after ``sample_maps`` and ``apply_normal_map``.
 
     Rows ``normal`` become those that ``vtk_reflected`` reads for the lamp: its light times n . l, its light times the
@@ -229,7 +229,7 @@ def light_pixels(light: CameraLightInputs, segment: Segment, count: I64, images:
 
     """
     lamp_share = images.lamp_share
-    material, pixels, has_lamp = segment.material, segment.pixels, light.lamp > 0.0
+    material, pixels, has_lamp = context.material, context.pixels, light.lamp > 0.0
     zero, one = vec.f32(0.0), vec.f32(1.0)
     for x in range(0, count, vec.LANES):
         normal, point = load3(pixels.normal, x, STRIDE), load3(pixels.point, x, STRIDE)

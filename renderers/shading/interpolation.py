@@ -12,7 +12,7 @@ from renderers.compiler.device_function import device_function, inlined
 from renderers.compiler.kernel_types import F32, I64, Pointer, i64, u64
 from renderers.compiler.pointers import i32_at
 from renderers.compiler.simd import F32x8, I32x8
-from renderers.shading.layout import HAS_COLORS, HAS_TANGENTS, HAS_UV0, HAS_UV1, SPAN_STRIDE, STRIDE, Segment
+from renderers.shading.layout import HAS_COLORS, HAS_TANGENTS, HAS_UV0, HAS_UV1, SPAN_STRIDE, STRIDE, ShadingContext
 from renderers.shading.vec3 import store3
 
 _OTHER_ATTRIBUTES: Final = HAS_UV0 | HAS_UV1 | HAS_COLORS | HAS_TANGENTS
@@ -27,7 +27,7 @@ def _span_starts_after(start_bits: Pointer[I64], x: I64) -> I64:
     The last bit, of the first pixel of the next eight, only counts: see ``interpolate``.
 
     Args:
-        start_bits: as in Segment; one more word follows the last pixel's.
+        start_bits: as in ShadingContext; one more word follows the last pixel's.
     """
     # The upper word moves left by 64 - bit, in two steps, since a shift by 64 is undefined.
     word, bit = (x + 1) >> 6, (x + 1) & 63
@@ -37,7 +37,7 @@ def _span_starts_after(start_bits: Pointer[I64], x: I64) -> I64:
 
 @inlined
 def pixel_columns(columns: I64, x: I64) -> I32x8:
-    """Return the image columns of the pixels x .. x + 8 of a row; ``columns`` as in Segment."""
+    """Return the image columns of the pixels x .. x + 8 of a row; ``columns`` as in ShadingContext."""
     if columns != 0:
         return vec.load(i32_at(columns), x)
     return vec.i32(x) + vec.iota()
@@ -77,15 +77,15 @@ def _clear(rows: Pointer[F32], row: I64, row_count: I64, count: I64) -> None:
 
 
 @inlined
-def interpolate(segment: Segment, begin: I64, end: I64) -> None:
+def interpolate(context: ShadingContext, begin: I64, end: I64) -> None:
     """Fill ShadedPixels with the attributes of the row's pixels ``begin .. end``; ``set_up_spans`` has filled Spans.
 
     Up to seven further values per row are overwritten. Texture coordinates that the material reads and the mesh lacks
     become 0, as do their gradients.
     """
-    spans, pixels, start_bits, columns = segment.spans, segment.pixels, segment.start_bits, segment.columns
-    attributes, span_offsets = segment.attributes, segment.job.span_offsets
-    has_gradients, has_points = segment.material.has_gradients != 0, segment.job.has_points != 0
+    spans, pixels, start_bits, columns = context.spans, context.pixels, context.start_bits, context.columns
+    attributes, span_offsets = context.attributes, context.job.span_offsets
+    has_gradients, has_points = context.material.has_gradients != 0, context.job.has_points != 0
     at = i64(0)
     for x in range(begin, end, vec.LANES):
         pixel = x - begin  # in the part, as in _store_gradient
@@ -110,7 +110,7 @@ def interpolate(segment: Segment, begin: I64, end: I64) -> None:
                         uv = _along_span(spans.uv, 4 * uv_set + k, 2, at, offsets, t) * inv_weight_sum
                         vec.store(pixels.uv, (2 * uv_set + k) * STRIDE + pixel, uv)
                         if has_gradients:
-                            _store_gradient(segment, uv_set, k, pixel, at, offsets, uv, inv_weight_sum)
+                            _store_gradient(context, uv_set, k, pixel, at, offsets, uv, inv_weight_sum)
             if attributes & HAS_COLORS:
                 for k in range(4):
                     color = _along_span(spans.color, k, 4, at, offsets, t) * inv_weight_sum
@@ -121,17 +121,17 @@ def interpolate(segment: Segment, begin: I64, end: I64) -> None:
                 for k in range(4):
                     vec.store(pixels.tangent, k * STRIDE + pixel, _along_span(spans.tangent, k, 4, at, offsets, t))
             if has_points:
-                _store_surface(segment, column, pixel, at, offsets, t)
+                _store_surface(context, column, pixel, at, offsets, t)
         at += vec.count_bits(starts)
     for uv_set in range(2):  # sets that the material reads and the mesh lacks
-        if segment.material.uv_sets & (1 << uv_set) and not attributes & (HAS_UV0 << uv_set):
+        if context.material.uv_sets & (1 << uv_set) and not attributes & (HAS_UV0 << uv_set):
             _clear(pixels.uv, 2 * uv_set, 2, end - begin)
             _clear(pixels.uv_gradient, 4 * uv_set, 4, end - begin)
 
 
 @inlined
 def _store_gradient(
-    segment: Segment, uv_set: I64, k: I64, pixel: I64, at: I64, offsets: I32x8, uv: F32x8, inv_weight_sum: F32x8
+    context: ShadingContext, uv_set: I64, k: I64, pixel: I64, at: I64, offsets: I32x8, uv: F32x8, inv_weight_sum: F32x8
 ) -> None:
     """Store how u (``k`` = 0) or v (1) of eight pixels changes per column and per row of the image.
 
@@ -144,17 +144,17 @@ def _store_gradient(
         uv: u or v.
         inv_weight_sum: 1 / W.
     """
-    spans = segment.spans
+    spans = context.spans
     for axis in range(2):  # columns, rows
         # In Spans and in ShadedPixels: du/dx, dv/dx, du/dy, dv/dy of uv0, then of uv1.
         row = 4 * uv_set + 2 * axis + k
         weight_sum_gradient = _span_values(spans.weight_sum_gradient, axis, at, offsets)
         gradient = (_span_values(spans.uv_gradient, row, at, offsets) - uv * weight_sum_gradient) * inv_weight_sum
-        vec.store(segment.pixels.uv_gradient, row * STRIDE + pixel, gradient)
+        vec.store(context.pixels.uv_gradient, row * STRIDE + pixel, gradient)
 
 
 @device_function
-def _store_surface(segment: Segment, columns: F32x8, pixel: I64, at: I64, offsets: I32x8, t: F32x8) -> None:
+def _store_surface(context: ShadingContext, columns: F32x8, pixel: I64, at: I64, offsets: I32x8, t: F32x8) -> None:
     """Store ``point`` of eight pixels, and ``flat_normal`` if it is read.
 
     Args:
@@ -162,10 +162,10 @@ def _store_surface(segment: Segment, columns: F32x8, pixel: I64, at: I64, offset
         pixel, at, offsets: as in ``_store_gradient``.
         t: as in ``_along_span``.
     """
-    spans, pixels, job = segment.spans, segment.pixels, segment.job
+    spans, pixels, job = context.spans, context.pixels, context.job
     z = vec.f32(1.0) / _along_span(spans.inv_depth, 0, 1, at, offsets, t)
     x = (columns + vec.f32(0.5 - job.cx)) * vec.f32(1.0 / job.fx) * z
-    y = vec.f32((segment.y + 0.5 - job.cy) / job.fy) * z
+    y = vec.f32((context.y + 0.5 - job.cy) / job.fy) * z
     store3(pixels.point, pixel, STRIDE, (x, y, z))
     if job.has_flat_normals != 0:
         for k in range(3):

@@ -189,8 +189,8 @@ class ShadedPixels(Struct):
     texel_weights: Pointer[F32] = _pixels(2 * 2)  # of the right and the lower texels
 
 
-class Segment(Struct):
-    """Neighbouring pixels of a row that see one instance, and the memory in which they are shaded."""
+class ShadingContext(Struct):
+    """What a thread shades a row with: the row's spans, the instance of a segment, and memory for one part of it."""
 
     job: ShadingInputs
     y: I64  # row of the image

@@ -10,26 +10,26 @@ from renderers.compiler.device_function import device_function, inlined
 from renderers.compiler.kernel_types import I64
 from renderers.compiler.simd import F32x8
 from renderers.shading.gamma import decode_gamma
-from renderers.shading.layout import HAS_COLORS, HAS_TANGENTS, STRIDE, Segment, ShadedPixels, ShadingMaterial
+from renderers.shading.layout import HAS_COLORS, HAS_TANGENTS, STRIDE, ShadedPixels, ShadingContext, ShadingMaterial
 from renderers.shading.materials import COLORS_DECODE, COLORS_REPLACE
 from renderers.shading.sampling import sample
 from renderers.shading.vec3 import cross, dot, load3, scale_to, select3, store3, times
 
 
 @inlined
-def has_varying_color(segment: Segment) -> bool:
+def has_varying_color(context: ShadingContext) -> bool:
     """Return True if the base colour differs between the pixels of a segment."""
-    return segment.material.base_color_texture >= 0 or segment.attributes & HAS_COLORS != 0
+    return context.material.base_color_texture >= 0 or context.attributes & HAS_COLORS != 0
 
 
 @device_function
-def fill_base_color(segment: Segment, count: I64, alpha: bool) -> None:
+def fill_base_color(context: ShadingContext, count: I64, alpha: bool) -> None:
     """Fill the rows ``base_color``: factor x vertex colour x texture. The fourth row is filled only if ``alpha``."""
-    material, pixels = segment.material, segment.pixels
-    is_textured, is_colored = material.base_color_texture >= 0, segment.attributes & HAS_COLORS != 0
+    material, pixels = context.material, context.pixels
+    is_textured, is_colored = material.base_color_texture >= 0, context.attributes & HAS_COLORS != 0
     if is_textured:
-        sample(segment, material.base_color_texture, count, pixels.base_color, alpha)
-    rule, linear_from_gamma = material.vertex_colors, segment.job.linear_from_gamma
+        sample(context, material.base_color_texture, count, pixels.base_color, alpha)
+    rule, linear_from_gamma = material.vertex_colors, context.job.linear_from_gamma
     for k in range(4 if alpha else 3):
         if is_textured and not is_colored and material.base_color[k] == 1.0:
             continue
@@ -50,15 +50,15 @@ def fill_base_color(segment: Segment, count: I64, alpha: bool) -> None:
 
 
 @device_function
-def sample_maps(segment: Segment, count: I64) -> None:
+def sample_maps(context: ShadingContext, count: I64) -> None:
     """Fill the rows ``metallic_roughness``, ``occlusion`` and ``emissive``, if the material has these textures."""
-    material, pixels = segment.material, segment.pixels
+    material, pixels = context.material, context.pixels
     if material.metallic_roughness_texture >= 0:
-        sample(segment, material.metallic_roughness_texture, count, pixels.metallic_roughness, False)
+        sample(context, material.metallic_roughness_texture, count, pixels.metallic_roughness, False)
     if material.occlusion_texture >= 0 and material.occlusion_texture != material.metallic_roughness_texture:
-        sample(segment, material.occlusion_texture, count, pixels.occlusion, False)
+        sample(context, material.occlusion_texture, count, pixels.occlusion, False)
     if material.emissive_texture >= 0:
-        sample(segment, material.emissive_texture, count, pixels.emissive, False)
+        sample(context, material.emissive_texture, count, pixels.emissive, False)
 
 
 @inlined
@@ -74,17 +74,17 @@ def unoccluded_share(material: ShadingMaterial, pixels: ShadedPixels, x: I64) ->
 
 
 @device_function
-def apply_normal_map(segment: Segment, count: I64) -> None:
+def apply_normal_map(context: ShadingContext, count: I64) -> None:
     """Replace the rows ``normal`` by unit normals from the material's normal map.
 
     Normals stay unchanged where a tangent has no direction. All do if there is no normal map or the mesh has no
     tangents.
     """
-    material, pixels = segment.material, segment.pixels
-    if material.normal_texture < 0 or segment.attributes & HAS_TANGENTS == 0:
+    material, pixels = context.material, context.pixels
+    if material.normal_texture < 0 or context.attributes & HAS_TANGENTS == 0:
         return
-    sample(segment, material.normal_texture, count, pixels.texel, False)
-    mirror, strength = vec.f32(segment.matrices.mirror), vec.f32(material.normal_scale)
+    sample(context, material.normal_texture, count, pixels.texel, False)
+    mirror, strength = vec.f32(context.matrices.mirror), vec.f32(material.normal_scale)
     one, two, zero = vec.f32(1.0), vec.f32(2.0), vec.f32(0.0)
     for x in range(0, count, vec.LANES):
         visible_normal = load3(pixels.normal, x, STRIDE)

@@ -19,7 +19,7 @@ from renderers.compiler.kernel_types import F32, I32, I64, Address, Pointer, i64
 from renderers.compiler.pointers import address, advance, f32_at
 from renderers.compiler.simd import F32x8, F32x8x2, F32x8x4, F32x8x6
 from renderers.shading.area_filter import is_within_texel, sample_area, squared_sides
-from renderers.shading.layout import STRIDE, Segment, ShadedPixels, ShadingTexture
+from renderers.shading.layout import STRIDE, ShadedPixels, ShadingContext, ShadingTexture
 from renderers.shading.mip_levels import MAGNIFIED, is_minified, mip_levels
 from renderers.shading.texels import TextureView, locate, read_texels, texels_of_level, texture_view, wrapped
 from renderers.shading.texture_table import MIPS_NONE
@@ -206,7 +206,7 @@ def _mix_with_stored(rows: Pointer[F32], x: I64, rgba: F32x8x4, weight: F32x8) -
 
 
 @device_function
-def sample(segment: Segment, index: I64, count: I64, rows: Pointer[F32], alpha: bool) -> None:
+def sample(context: ShadingContext, index: I64, count: I64, rows: Pointer[F32], alpha: bool) -> None:
     """Sample a texture at the first ``count`` pixels, 0 .. 1 per channel, by ``sample_texture``.
 
     Texel centres are at ((i + 0.5) / width, (j + 0.5) / height). Mip levels and areas need the rows ``uv_gradient``.
@@ -216,26 +216,26 @@ def sample(segment: Segment, index: I64, count: I64, rows: Pointer[F32], alpha: 
         rows: pointer to four rows of ShadedPixels that are filled.
         alpha: True: fill the fourth row, too. Otherwise it is undefined.
     """
-    call_kernel(segment.job.sampling_kernel, (address(segment), index, count, address(rows), i64(alpha)))
+    call_kernel(context.job.sampling_kernel, (address(context), index, count, address(rows), i64(alpha)))
 
 
 @kernel
-def sample_texture(segment_address: Address, index: I64, count: I64, rows_address: Address, has_alpha: I64) -> None:
+def sample_texture(context_address: Address, index: I64, count: I64, rows_address: Address, has_alpha: I64) -> None:
     """Do what ``sample`` says: a kernel of its own, compiled once for all looks.
 
     Args:
-        segment_address: address of a Segment.
+        context_address: address of a ShadingContext.
         rows_address: address of ``rows``.
         has_alpha: ``alpha``, 1 or 0.
     """
-    segment, rows, alpha = Segment(segment_address), f32_at(rows_address), has_alpha != 0
-    job, pixels = segment.job, segment.pixels
+    context, rows, alpha = ShadingContext(context_address), f32_at(rows_address), has_alpha != 0
+    job, pixels = context.job, context.pixels
     texture = job.textures[index]
     view = texture_view(texture, job.linear_from_byte)
     uv = advance(pixels.uv, 2 * STRIDE * texture.uv_set)
     uv_gradient = advance(pixels.uv_gradient, 4 * STRIDE * texture.uv_set)
     uv_transform = _load_uv_transform(texture)
-    if job.area_filter != 0 and segment.material.has_gradients != 0:
+    if job.area_filter != 0 and context.material.has_gradients != 0:
         _sample_areas(texture, view, uv_transform, uv, uv_gradient, pixels, count, rows, alpha)
     else:
         # Loops of their own, which a processor overlaps better than one: the texels of all pixels are prefetched.

@@ -1,6 +1,6 @@
 """Set-up of spans: attributes of eight spans at a time, as linear functions of the pixel.
 
-In: the spans of a Segment, each with its first pixel and the primitive that it sees, and the vertices of the mesh.
+In: the spans of a segment, each with its first pixel and the primitive that it sees, and the vertices of the mesh.
 Out: for each attribute and for the sum of the weights, two values a span, in rows of Spans:
 
     weighted sum
@@ -38,7 +38,7 @@ from renderers.shading.layout import (
     V_COLUMNS,
     V_NORMAL,
     V_UV0,
-    Segment,
+    ShadingContext,
 )
 from renderers.shading.span_weights import TRIANGLES, Weights, inverse_depths, rays_of, scaled_weights, weight_matrix
 from renderers.shading.vec3 import cross, dot, minus, store3, times, to_f32x3, transform_directions, transform_points
@@ -71,7 +71,7 @@ class CornerIndices(NamedTuple):
 
 
 @device_function
-def set_up_spans(segment: Segment, first_span: I64, part_end_span: I64, end_span: I64) -> bool:
+def set_up_spans(context: ShadingContext, first_span: I64, part_end_span: I64, end_span: I64) -> bool:
     """Fill Spans with the spans ``first_span .. part_end_span``, at most PART, of a segment.
 
     Args:
@@ -80,31 +80,31 @@ def set_up_spans(segment: Segment, first_span: I64, part_end_span: I64, end_span
     Returns:
         True if the normal is constant along each span.
     """
-    call_kernel(segment.job.span_setup_kernel, (address(segment), first_span, part_end_span, end_span))
-    return segment.has_constant_normals != 0
+    call_kernel(context.job.span_setup_kernel, (address(context), first_span, part_end_span, end_span))
+    return context.has_constant_normals != 0
 
 
 @kernel
-def set_up_part(segment_address: Address, first_span: I64, part_end_span: I64, end_span: I64) -> None:
-    """Kernel behind ``set_up_spans``, compiled once for all shaders; the result is ``Segment.has_constant_normals``."""
-    segment, has_constant_normals = Segment(segment_address), True
-    prefetches = segment.instance.topology == TRIANGLES and segment.end_id - segment.first_id > _PREFETCH_MIN_PRIMITIVES
+def set_up_part(context_address: Address, first_span: I64, part_end_span: I64, end_span: I64) -> None:
+    """Kernel behind ``set_up_spans``, compiled once for all shaders; the result is ``has_constant_normals``."""
+    context, has_constant_normals = ShadingContext(context_address), True
+    prefetches = context.instance.topology == TRIANGLES and context.end_id - context.first_id > _PREFETCH_MIN_PRIMITIVES
     for span in range(first_span, part_end_span, vec.LANES):
         if prefetches:
-            _prefetch(segment, span, end_span)
+            _prefetch(context, span, end_span)
         count = min(part_end_span - span, vec.LANES)
-        has_constant_normals = _set_up_eight_spans(segment, span, count, span - first_span) and has_constant_normals
-    segment.has_constant_normals = has_constant_normals
+        has_constant_normals = _set_up_eight_spans(context, span, count, span - first_span) and has_constant_normals
+    context.has_constant_normals = has_constant_normals
 
 
 @inlined
-def _prefetch(segment: Segment, span: I64, end_span: I64) -> None:
+def _prefetch(context: ShadingContext, span: I64, end_span: I64) -> None:
     """Prefetch vertices of the eight spans 16 ahead of ``span``, and indices of those 32 ahead.
 
     Meshes of a million triangles do not fit the second-level cache: without this, frames take a third longer.
     """
-    primitive_ids, first_id = segment.span_ids, segment.first_id
-    indices, vertices = segment.instance.indices, segment.instance.vertices
+    primitive_ids, first_id = context.span_ids, context.first_id
+    indices, vertices = context.instance.indices, context.instance.vertices
     for k in range(min(span + 2 * vec.LANES, end_span), min(span + 3 * vec.LANES, end_span)):
         position = 3 * (i64(primitive_ids[k]) - first_id)
         for corner in range(3):
@@ -114,72 +114,71 @@ def _prefetch(segment: Segment, span: I64, end_span: I64) -> None:
 
 
 @device_function
-def _set_up_eight_spans(segment: Segment, span: I64, count: I64, slot: I64) -> bool:
-    """Set up ``count`` spans, 1 to 8, from ``span`` on, into the values from ``slot`` on of each row of Spans, of which
-    eight are written.
+def _set_up_eight_spans(context: ShadingContext, span: I64, count: I64, at: I64) -> bool:
+    """Set up ``count`` spans, 1 to 8, from ``span`` on: the eight values from ``at`` on of each row of Spans.
 
     Returns:
         True if the normal is constant along each span.
     """
-    spans, material, attributes = segment.spans, segment.material, segment.attributes
+    spans, material, attributes = context.spans, context.material, context.attributes
     # Pixels and primitive. Lanes beyond the last span get its values: what follows it may belong to other instances.
     lane = vec.minimum(vec.iota(), vec.i32(count - 1))
-    primitive_id = vec.permute(vec.load(segment.span_ids, span), lane)
-    first_pixel = vec.permute(vec.load(segment.span_starts, span), lane)
-    end_pixel = vec.permute(vec.load(segment.span_starts, span + 1), lane)
+    primitive_id = vec.permute(vec.load(context.span_ids, span), lane)
+    first_pixel = vec.permute(vec.load(context.span_starts, span), lane)
+    end_pixel = vec.permute(vec.load(context.span_starts, span + 1), lane)
     pixel_steps = vec.to_f64(end_pixel - first_pixel - vec.i32(1))
     first_column = first_pixel
-    if segment.columns != 0:
-        first_column = vec.gather(i32_at(segment.columns), first_pixel)
+    if context.columns != 0:
+        first_column = vec.gather(i32_at(context.columns), first_pixel)
 
     # Vertices, in the camera's optical frame: x right, y down, z forward.
-    corner_indices = _corner_indices(segment, primitive_id)
-    corners = _load_eight_columns(segment.instance.vertices, corner_indices)
-    p0 = transform_points(segment.X_camera_mesh, corners.a)
-    p1 = transform_points(segment.X_camera_mesh, corners.b)
-    p2 = transform_points(segment.X_camera_mesh, corners.c)
+    corner_indices = _corner_indices(context, primitive_id)
+    corners = _load_eight_columns(context.instance.vertices, corner_indices)
+    p0 = transform_points(context.X_camera_mesh, corners.a)
+    p1 = transform_points(context.X_camera_mesh, corners.b)
+    p2 = transform_points(context.X_camera_mesh, corners.c)
 
     # Weights.
-    rays = rays_of(segment.job, segment.y, first_column, pixel_steps)
-    matrix, determinant, sign = weight_matrix(segment.instance.topology, p0, p1, p2, rays)
-    weights = scaled_weights(matrix, sign, rays, pixel_steps, segment.job)
+    rays = rays_of(context.job, context.y, first_column, pixel_steps)
+    matrix, determinant, sign = weight_matrix(context.instance.topology, p0, p1, p2, rays)
+    weights = scaled_weights(matrix, sign, rays, pixel_steps, context.job)
     # A positive determinant: the corners run clockwise as seen, so the back is visible, unless the transform mirrors.
-    mirror = vec.f32(segment.matrices.mirror)
+    mirror = vec.f32(context.matrices.mirror)
     facing = vec.select(determinant > vec.f64(0.0), -mirror, mirror)
 
     # Attributes that the mesh has and the material reads.
-    vec.store(spans.first_column, slot, vec.to_f32(first_column))
-    vec.store(spans.facing, slot, facing)
-    _store_weight_sums(advance(spans.weight_sum, slot), weights.first, weights.per_pixel)
+    vec.store(spans.first_column, at, vec.to_f32(first_column))
+    vec.store(spans.facing, at, facing)
+    _store_weight_sums(advance(spans.weight_sum, at), weights.first, weights.per_pixel)
     has_constant_normals = True
     if attributes & HAS_NORMALS:
-        has_constant_normals = _store_normals(segment, slot, weights, corners, facing)
-    if not attributes & HAS_NORMALS or segment.job.has_flat_normals != 0:
-        _store_flat_normals(segment, slot, p0, p1, p2, sign)
+        has_constant_normals = _store_normals(context, at, weights, corners, facing)
+    if not attributes & HAS_NORMALS or context.job.has_flat_normals != 0:
+        _store_flat_normals(context, at, p0, p1, p2, sign)
     if attributes & HAS_UV0:
-        _store_attributes(advance(spans.uv, slot), 2, weights.first, weights.per_pixel, corners, V_UV0)
-    if segment.job.has_points != 0:
+        _store_attributes(advance(spans.uv, at), 2, weights.first, weights.per_pixel, corners, V_UV0)
+    if context.job.has_points != 0:
         inv_depth, change_to_last = inverse_depths(matrix, determinant, sign, rays, (p0[2], p1[2], p2[2]))
-        vec.store(spans.inv_depth, slot, vec.to_f32(inv_depth))
+        vec.store(spans.inv_depth, at, vec.to_f32(inv_depth))
         vec.store(
-            spans.inv_depth, SPAN_STRIDE + slot, vec.to_f32(change_to_last / vec.maximum(pixel_steps, vec.f64(1.0)))
+            spans.inv_depth, SPAN_STRIDE + at, vec.to_f32(change_to_last / vec.maximum(pixel_steps, vec.f64(1.0)))
         )
     if material.has_gradients != 0:
-        _store_gradients(segment, slot, weights, corners)
+        _store_gradients(context, at, weights, corners)
     if attributes & HAS_COLORS:
-        colors = _load_colors(segment.instance.colors, corner_indices)
-        _store_attributes(advance(spans.color, slot), _COLOR_COLUMNS, weights.first, weights.per_pixel, colors, 0)
+        colors = _load_colors(context.instance.colors, corner_indices)
+        _store_attributes(advance(spans.color, at), _COLOR_COLUMNS, weights.first, weights.per_pixel, colors, 0)
     if attributes & (HAS_UV1 | HAS_TANGENTS):
-        _store_extras(segment, slot, weights, _load_eight_columns(segment.instance.extras, corner_indices))
+        _store_extras(context, at, weights, _load_eight_columns(context.instance.extras, corner_indices))
     return has_constant_normals
 
 
 @inlined
-def _corner_indices(segment: Segment, primitive_id: I32x8) -> CornerIndices:
+def _corner_indices(context: ShadingContext, primitive_id: I32x8) -> CornerIndices:
     """Return where the vertices of eight primitives are. The last vertex of lines and points counts twice or thrice."""
-    indices, topology = segment.instance.indices, segment.instance.topology
+    indices, topology = context.instance.indices, context.instance.topology
     b, c = advance(indices, min(topology, 2) - 1), advance(indices, topology - 1)
-    return CornerIndices(indices, b, c, (primitive_id - vec.i32(segment.first_id)) * vec.i32(topology))
+    return CornerIndices(indices, b, c, (primitive_id - vec.i32(context.first_id)) * vec.i32(topology))
 
 
 @inlined
@@ -243,10 +242,10 @@ def _store_weight_sums(rows: Pointer[F32], weights: F32x8x3, later_weights: F32x
 
 @inlined
 def _store_normals(
-    segment: Segment, slot: I64, weights: Weights, corners: CornerAttributes[F32x8x8], facing: F32x8
+    context: ShadingContext, at: I64, weights: Weights, corners: CornerAttributes[F32x8x8], facing: F32x8
 ) -> bool:
     """Store the normals of vertices; return True if they are constant along each span. ``facing``: as Spans.facing."""
-    normals, matrix, k = advance(segment.spans.normal, slot), segment.matrices.normal, V_NORMAL
+    normals, matrix, k = advance(context.spans.normal, at), context.matrices.normal, V_NORMAL
     a, b, c = corners.a, corners.b, corners.c
     is_same = (a[k] == b[k]) & (a[k + 1] == b[k + 1]) & (a[k + 2] == b[k + 2])
     is_same = is_same & (a[k] == c[k]) & (a[k + 1] == c[k + 1]) & (a[k + 2] == c[k + 2])
@@ -262,54 +261,56 @@ def _store_normals(
 
 
 @inlined
-def _store_flat_normals(segment: Segment, slot: I64, p0: F64x8x3, p1: F64x8x3, p2: F64x8x3, sign: F64x8) -> None:
+def _store_flat_normals(context: ShadingContext, at: I64, p0: F64x8x3, p1: F64x8x3, p2: F64x8x3, sign: F64x8) -> None:
     """Store the unit normals of triangles; without HAS_NORMALS, in the rows of vertex normals, too.
 
     Args:
         p0, p1, p2: vertices, metres, optical frame.
         sign: of ``weight_matrix``.
     """
-    spans, zero, one = segment.spans, vec.f64(0.0), vec.f64(1.0)
+    spans, zero, one = context.spans, vec.f64(0.0), vec.f64(1.0)
     plane_normal = cross(minus(p1, p0), minus(p2, p0))
     length = vec.sqrt(dot(plane_normal, plane_normal))
     has_length = (length > zero) & (length < vec.f64(math.inf))
     # plane_normal . p0 is the determinant, which is negative where plane_normal faces the camera.
     scale = vec.select(has_length, (zero - sign) / vec.select(has_length, length, one), zero)
     normal = to_f32x3(times(plane_normal, scale))
-    if not segment.attributes & HAS_NORMALS:
-        store3(advance(spans.normal, slot), 0, SPAN_STRIDE, normal)
+    if not context.attributes & HAS_NORMALS:
+        store3(advance(spans.normal, at), 0, SPAN_STRIDE, normal)
         no_change = vec.f32(0.0), vec.f32(0.0), vec.f32(0.0)
-        store3(advance(spans.normal, 3 * SPAN_STRIDE + slot), 0, SPAN_STRIDE, no_change)
-    store3(advance(spans.flat_normal, slot), 0, SPAN_STRIDE, normal)
+        store3(advance(spans.normal, 3 * SPAN_STRIDE + at), 0, SPAN_STRIDE, no_change)
+    store3(advance(spans.flat_normal, at), 0, SPAN_STRIDE, normal)
 
 
 @device_function
-def _store_gradients(segment: Segment, slot: I64, weights: Weights, corners: CornerAttributes[F32x8x8]) -> None:
+def _store_gradients(context: ShadingContext, at: I64, weights: Weights, corners: CornerAttributes[F32x8x8]) -> None:
     """Store how the sum of the weights and the weighted sum of uv0 change per column and per row of the image."""
     across, down = weights.per_column, weights.per_row
-    _store_weight_sums(advance(segment.spans.weight_sum_gradient, slot), across, down)
-    if segment.attributes & HAS_UV0:
-        _store_attributes(advance(segment.spans.uv_gradient, slot), 2, across, down, corners, V_UV0)
+    _store_weight_sums(advance(context.spans.weight_sum_gradient, at), across, down)
+    if context.attributes & HAS_UV0:
+        _store_attributes(advance(context.spans.uv_gradient, at), 2, across, down, corners, V_UV0)
 
 
 @inlined
-def _store_extras(segment: Segment, slot: I64, weights: Weights, extras: CornerAttributes[F32x8x8]) -> None:
+def _store_extras(context: ShadingContext, at: I64, weights: Weights, extras: CornerAttributes[F32x8x8]) -> None:
     """Store weighted sums of uv1 and of tangents."""
-    spans, uv1 = segment.spans, UV_SET_ROWS * SPAN_STRIDE + slot
-    if segment.attributes & HAS_UV1:
+    spans, uv1 = context.spans, UV_SET_ROWS * SPAN_STRIDE + at
+    if context.attributes & HAS_UV1:
         _store_attributes(advance(spans.uv, uv1), 2, weights.first, weights.per_pixel, extras, E_UV1)
-        if segment.material.has_gradients != 0:
+        if context.material.has_gradients != 0:
             across, down = weights.per_column, weights.per_row
             _store_attributes(advance(spans.uv_gradient, uv1), 2, across, down, extras, E_UV1)
-    if segment.attributes & HAS_TANGENTS:
-        tangents = advance(spans.tangent, slot)
-        _store_tangents(segment, tangents, weights.first, extras)
-        _store_tangents(segment, advance(tangents, 4 * SPAN_STRIDE), weights.per_pixel, extras)
+    if context.attributes & HAS_TANGENTS:
+        tangents = advance(spans.tangent, at)
+        _store_tangents(context, tangents, weights.first, extras)
+        _store_tangents(context, advance(tangents, 4 * SPAN_STRIDE), weights.per_pixel, extras)
 
 
 @inlined
-def _store_tangents(segment: Segment, rows: Pointer[F32], weights: F32x8x3, extras: CornerAttributes[F32x8x8]) -> None:
+def _store_tangents(
+    context: ShadingContext, rows: Pointer[F32], weights: F32x8x3, extras: CornerAttributes[F32x8x8]
+) -> None:
     """Store the weighted sums of tangents, in the optical frame, and of the signs of the bitangent."""
     tangents = _weighted_sum3(weights, extras, E_TANGENT)
-    store3(rows, 0, SPAN_STRIDE, transform_directions(segment.matrices.tangent, tangents))
+    store3(rows, 0, SPAN_STRIDE, transform_directions(context.matrices.tangent, tangents))
     vec.store(rows, 3 * SPAN_STRIDE, _weighted_sum(weights, extras, _E_BITANGENT_SIGN))

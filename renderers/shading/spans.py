@@ -27,8 +27,8 @@ from renderers.shading.layout import (
     HAS_UV1,
     PART,
     UNLIT,
-    Segment,
     ShadedPixels,
+    ShadingContext,
     ShadingInputs,
     Spans,
 )
@@ -73,48 +73,48 @@ the start bits of pixels 1 to 7: bit k - 1 is that of pixel k."""
 
 
 @device_function
-def begin_rows(segment: Segment, job: ShadingInputs, width: I64, spans: Spans, pixels: ShadedPixels) -> None:
-    """Give a Segment its working memory for rows of at most ``width`` pixels; ``end_rows`` frees it."""
+def begin_rows(context: ShadingContext, job: ShadingInputs, width: I64, spans: Spans, pixels: ShadedPixels) -> None:
+    """Give a ShadingContext its working memory for rows of at most ``width`` pixels; ``end_rows`` frees it."""
     max_spans = width + 4 * vec.LANES  # a span has a pixel at least; vectors are accessed whole
-    segment.job, segment.spans, segment.pixels = job, spans, pixels
-    segment.start_bits = i64_at(allocate(8 * (width // _WORD + 3)))
-    segment.span_starts, segment.span_ids = i32_at(allocate(4 * max_spans)), i32_at(allocate(4 * max_spans))
-    segment.row_ids = i32_at(allocate(4 * (width + _WORD + 2 * vec.LANES)))
+    context.job, context.spans, context.pixels = job, spans, pixels
+    context.start_bits = i64_at(allocate(8 * (width // _WORD + 3)))
+    context.span_starts, context.span_ids = i32_at(allocate(4 * max_spans)), i32_at(allocate(4 * max_spans))
+    context.row_ids = i32_at(allocate(4 * (width + _WORD + 2 * vec.LANES)))
 
 
 @device_function
-def end_rows(segment: Segment) -> None:
+def end_rows(context: ShadingContext) -> None:
     """Free the memory of ``begin_rows``."""
-    release(address(segment.start_bits))
-    release(address(segment.span_starts))
-    release(address(segment.span_ids))
-    release(address(segment.row_ids))
+    release(address(context.start_bits))
+    release(address(context.span_starts))
+    release(address(context.span_ids))
+    release(address(context.row_ids))
 
 
 @device_function
-def find_spans(segment: Segment, y: I64, columns: Address, pixel_ids: Pointer[I32], width: I64) -> I64:
+def find_spans(context: ShadingContext, y: I64, columns: Address, pixel_ids: Pointer[I32], width: I64) -> I64:
     """Find the spans of a row of pixels; return their number.
 
     A span also begins at every PART-th pixel of the row, so that the parts of a segment are whole spans, and float32 is
     accurate along a span.
 
     Args:
-        columns: as in Segment. If it is not 0, each pixel is a span of its own.
+        columns: as in ShadingContext. If it is not 0, each pixel is a span of its own.
         pixel_ids: primitive ids of ``width`` pixels, NO_PRIMITIVE for none.
     """
-    segment.y, segment.columns = y, columns
-    _copy_ids(segment.row_ids, pixel_ids, width)
+    context.y, context.columns = y, columns
+    _copy_ids(context.row_ids, pixel_ids, width)
     count = i64(0)
     for x in range(0, width, _WORD):
-        bits = i64(_ALL_BITS) if columns != 0 else _start_bits(segment.row_ids, x)
-        segment.start_bits[x // _WORD] = bits
+        bits = i64(_ALL_BITS) if columns != 0 else _start_bits(context.row_ids, x)
+        context.start_bits[x // _WORD] = bits
         if width - x < _WORD:
             bits &= (i64(1) << (width - x)) - 1
-        _append_spans(segment, x, bits, count)
+        _append_spans(context, x, bits, count)
         count += vec.count_bits(bits)
     # Beyond the row: a word of start bits, and ``width`` as the start of one more span, where the last one ends.
-    segment.start_bits[(width + _WORD - 1) // _WORD] = _ALL_BITS
-    vec.store(segment.span_starts, count, vec.i32(width))
+    context.start_bits[(width + _WORD - 1) // _WORD] = _ALL_BITS
+    vec.store(context.span_starts, count, vec.i32(width))
     return count
 
 
@@ -140,12 +140,12 @@ def _start_bits(row_ids: Pointer[I32], x: I64) -> I64:
 
 
 @inlined
-def _append_spans(segment: Segment, x: I64, bits: I64, count: I64) -> None:
+def _append_spans(context: ShadingContext, x: I64, bits: I64, count: I64) -> None:
     """Append the spans that begin where bits are set, in the _WORD pixels from ``x`` on, to the ``count`` found so far.
 
     Eight at a time, since a branch per span would be unpredictable. What is stored beyond the last span is never used.
     """
-    ids, starts, span_ids = advance(segment.row_ids, vec.LANES), segment.span_starts, segment.span_ids
+    ids, starts, span_ids = advance(context.row_ids, vec.LANES), context.span_starts, context.span_ids
     for first in range(count, count + vec.count_bits(bits), vec.LANES):
         for k in range(first, first + vec.LANES):
             start = x + vec.lowest_bit(bits | _HIGHEST_BIT)  # lowest_bit of 0 is undefined
@@ -154,7 +154,7 @@ def _append_spans(segment: Segment, x: I64, bits: I64, count: I64) -> None:
 
 
 @inlined
-def next_part(segment: Segment, span: I64, begin: I64, end: I64) -> PartEnd:
+def next_part(context: ShadingContext, span: I64, begin: I64, end: I64) -> PartEnd:
     """Return the end of the next part of a segment.
 
     Args:
@@ -164,7 +164,7 @@ def next_part(segment: Segment, span: I64, begin: I64, end: I64) -> PartEnd:
     """
     end_span, part_end = span, min(end, (begin & -PART) + PART)
     for x in range(begin & -_WORD, part_end, _WORD):
-        bits = segment.start_bits[x // _WORD]
+        bits = context.start_bits[x // _WORD]
         if x < begin:
             bits &= i64(_ALL_BITS) << (begin - x)
         if part_end - x < _WORD:
@@ -174,7 +174,7 @@ def next_part(segment: Segment, span: I64, begin: I64, end: I64) -> PartEnd:
 
 
 @device_function
-def next_segment(segment: Segment, span: I64, span_count: I64, instance_index: I64) -> NextSegment:
+def next_segment(context: ShadingContext, span: I64, span_count: I64, instance_index: I64) -> NextSegment:
     """Bind the instance that a span sees, and find the end of its segment.
 
     Args:
@@ -182,7 +182,7 @@ def next_segment(segment: Segment, span: I64, span_count: I64, instance_index: I
         span_count: number of spans of the row.
         instance_index: that of the instance that is tried first.
     """
-    job, span_ids = segment.job, segment.span_ids
+    job, span_ids = context.job, context.span_ids
     primitive_id = i64(span_ids[span])
     first_id, end_id = (
         i64(NO_PRIMITIVE),
@@ -191,8 +191,8 @@ def next_segment(segment: Segment, span: I64, span_count: I64, instance_index: I
     is_background = primitive_id < 0
     if not is_background:
         instance_index = instance_of(job.first_ids, job.instance_count, primitive_id, instance_index)
-        _bind_instance(segment, instance_index)
-        first_id, end_id = segment.first_id, segment.end_id
+        _bind_instance(context, instance_index)
+        first_id, end_id = context.first_id, context.end_id
     for first in range(span, span_count, vec.LANES):
         ids = vec.load(span_ids, first)
         other_instance = vec.movemask((ids < vec.i32(first_id)) | (ids >= vec.i32(end_id)))
@@ -202,15 +202,15 @@ def next_segment(segment: Segment, span: I64, span_count: I64, instance_index: I
 
 
 @device_function
-def _bind_instance(segment: Segment, index: I64) -> None:
-    """Set the fields of a Segment that depend on the instance, given by its index in the draw list."""
-    job = segment.job
+def _bind_instance(context: ShadingContext, index: I64) -> None:
+    """Set the fields of a ShadingContext that depend on the instance, given by its index in the draw list."""
+    job = context.job
     instance = job.instances[index]
     material = job.materials[instance.material]
-    segment.first_id, segment.end_id = job.first_ids[index], job.first_ids[index + 1]
-    segment.instance, segment.material = instance, material
-    segment.matrices = job.matrices[index]
-    segment.X_camera_mesh = advance(job.X_camera_mesh, 16 * index)
+    context.first_id, context.end_id = job.first_ids[index], job.first_ids[index + 1]
+    context.instance, context.material = instance, material
+    context.matrices = job.matrices[index]
+    context.X_camera_mesh = advance(job.X_camera_mesh, 16 * index)
     read_attributes = HAS_COLORS
     if material.lighting != UNLIT:
         read_attributes |= HAS_NORMALS
@@ -220,4 +220,4 @@ def _bind_instance(segment: Segment, index: I64) -> None:
         read_attributes |= HAS_UV0
     if material.uv_sets & 2:
         read_attributes |= HAS_UV1
-    segment.attributes = instance.attributes & read_attributes
+    context.attributes = instance.attributes & read_attributes

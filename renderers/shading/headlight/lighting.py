@@ -24,8 +24,8 @@ from renderers.shading.layout import (
     SPAN_STRIDE,
     STRIDE,
     UNLIT,
-    Segment,
     ShadedPixels,
+    ShadingContext,
     ShadingMaterial,
 )
 from renderers.shading.material import (
@@ -78,31 +78,31 @@ def _store_pixels(
 
 
 @inlined
-def _light_images(job: HeadlightInputs, segment: Segment, begin: I64) -> LightImages:
+def _light_images(job: HeadlightInputs, context: ShadingContext, begin: I64) -> LightImages:
     """Return pointers to the row's pixel ``begin``."""
     return LightImages(
-        _row_of(job, job.lamp_share, segment, begin),
-        _row_of(job, job.key_factor, segment, begin),
-        _row_of(job, job.light, segment, begin),
+        _row_of(job, job.lamp_share, context, begin),
+        _row_of(job, job.key_factor, context, begin),
+        _row_of(job, job.light, context, begin),
     )
 
 
 @inlined
-def _row_of(job: HeadlightInputs, image: Pointer[F32], segment: Segment, begin: I64) -> Pointer[F32]:
+def _row_of(job: HeadlightInputs, image: Pointer[F32], context: ShadingContext, begin: I64) -> Pointer[F32]:
     """Return a pointer to the row's pixel ``begin`` of an image; null if it is not wanted."""
     if address(image) == 0 or job.mode == GATHER:
         return f32_at(0)
-    return advance(image, segment.y * (job.width + vec.LANES) + begin)
+    return advance(image, context.y * (job.width + vec.LANES) + begin)
 
 
 @device_function
 def _shade_unlit(
-    job: HeadlightInputs, segment: Segment, has_rows: bool, begin: I64, count: I64, packed_row: Pointer[I32]
+    job: HeadlightInputs, context: ShadingContext, has_rows: bool, begin: I64, count: I64, packed_row: Pointer[I32]
 ) -> None:
     """Show the base colour."""
-    direct, material, pixels = job.mode == DIRECT, segment.material, segment.pixels
+    direct, material, pixels = job.mode == DIRECT, context.material, context.pixels
     gamma = material.gamma != 0
-    lamp_share = _row_of(job, job.lamp_share, segment, begin)
+    lamp_share = _row_of(job, job.lamp_share, context, begin)
     for x in range(0, count, vec.LANES):
         _store_pixels(job, pixels, gamma, direct, packed_row, begin, x, _base_color(material, pixels, has_rows, x))
         if address(lamp_share) != 0:  # the segment before overran it
@@ -117,10 +117,10 @@ def _headlight_cosine(normal: F32x8x3) -> F32x8:
 
 @device_function
 def _shade_lambert(
-    job: HeadlightInputs, segment: Segment, has_rows: bool, begin: I64, count: I64, packed_row: Pointer[I32]
+    job: HeadlightInputs, context: ShadingContext, has_rows: bool, begin: I64, count: I64, packed_row: Pointer[I32]
 ) -> None:
     """Show the base colour times ``_headlight_cosine`` (Lambert)."""
-    direct, material, pixels = job.mode == DIRECT, segment.material, segment.pixels
+    direct, material, pixels = job.mode == DIRECT, context.material, context.pixels
     for x in range(0, count, vec.LANES):
         cosine = _headlight_cosine(load3(pixels.normal, x, STRIDE))
         color = times(_base_color(material, pixels, has_rows, x), cosine)
@@ -128,11 +128,11 @@ def _shade_lambert(
 
 
 @inlined
-def _light_by_headlight(segment: Segment, begin: I64, count: I64) -> None:
+def _light_by_headlight(context: ShadingContext, begin: I64, count: I64) -> None:
     """Replace the rows ``normal`` by what ``vtk_reflected`` reads: n . l, the specular term and Schlick's factor."""
-    material, pixels, columns, shading_job = segment.material, segment.pixels, segment.columns, segment.job
+    material, pixels, columns, shading_job = context.material, context.pixels, context.columns, context.job
     center_offset, inv_fx = vec.f32(0.5 - shading_job.cx), vec.f32(1.0 / shading_job.fx)
-    ray_y = vec.f32((segment.y + 0.5 - shading_job.cy) / shading_job.fy)
+    ray_y = vec.f32((context.y + 0.5 - shading_job.cy) / shading_job.fy)
     roughness_factor, has_roughness_map = vec.f32(material.roughness), material.metallic_roughness_texture >= 0
     for x in range(0, count, vec.LANES):
         column = pixel_columns(columns, begin + x)
@@ -147,17 +147,17 @@ def _light_by_headlight(segment: Segment, begin: I64, count: I64) -> None:
 
 @device_function
 def _shade_pbr(
-    job: HeadlightInputs, segment: Segment, has_rows: bool, begin: I64, count: I64, packed_row: Pointer[I32]
+    job: HeadlightInputs, context: ShadingContext, has_rows: bool, begin: I64, count: I64, packed_row: Pointer[I32]
 ) -> None:
     """Show metallic-roughness reflection as VTK evaluates it, with occlusion and emission.
 
     Under a camera's light, occlusion reduces the light of sky and ground only (glTF 2.0, 3.9.3).
     """
     if job.has_camera_light != 0:
-        light_pixels(job.camera_light, segment, count, _light_images(job, segment, begin))
+        light_pixels(job.camera_light, context, count, _light_images(job, context, begin))
     else:
-        _light_by_headlight(segment, begin, count)
-    material, pixels, has_camera_light = segment.material, segment.pixels, job.has_camera_light != 0
+        _light_by_headlight(context, begin, count)
+    material, pixels, has_camera_light = context.material, context.pixels, job.has_camera_light != 0
     metallic_factor, inv_pi = vec.f32(material.metallic), vec.f32(1.0 / math.pi)
     has_roughness_map, has_emissive_map = material.metallic_roughness_texture >= 0, material.emissive_texture >= 0
     # A loop of its own: short bodies, so that a processor overlaps their iterations.
@@ -191,22 +191,22 @@ def _shade_pbr(
 
 
 @inlined
-def is_uniform_lambert(job: HeadlightInputs, segment: Segment) -> bool:
+def is_uniform_lambert(job: HeadlightInputs, context: ShadingContext) -> bool:
     """Return True if the colour of a segment depends on its normals only, and only colour is wanted."""
     if job.mode != DIRECT or job.has_camera_light != 0:
         return False
-    return segment.material.lighting == LAMBERT and not has_varying_color(segment)
+    return context.material.lighting == LAMBERT and not has_varying_color(context)
 
 
 @device_function
-def fill_spans(segment: Segment, span: I64, part_end_span: I64, packed_row: Pointer[I32]) -> None:
+def fill_spans(context: ShadingContext, span: I64, part_end_span: I64, packed_row: Pointer[I32]) -> None:
     """Write the spans ``span .. part_end_span``, each of one colour.
 
     The segment is ``is_uniform_lambert`` and has constant normals along each span, as walls, floors and meshes without
     normals have. ``set_up_spans`` has filled Spans.
     """
-    base_color, normals = broadcast3(segment.material.base_color, 0), segment.spans.normal
-    span_starts = segment.span_starts
+    base_color, normals = broadcast3(context.material.base_color, 0), context.spans.normal
+    span_starts = context.span_starts
     colors = _colors()
     for first in range(span, part_end_span, vec.LANES):
         r, g, b = times(base_color, _headlight_cosine(load3(normals, first - span, SPAN_STRIDE)))
@@ -218,24 +218,24 @@ def fill_spans(segment: Segment, span: I64, part_end_span: I64, packed_row: Poin
 
 
 @inlined
-def shade(job: HeadlightInputs, segment: Segment, begin: I64, end: I64, packed_row: Pointer[I32]) -> None:
+def shade(job: HeadlightInputs, context: ShadingContext, begin: I64, end: I64, packed_row: Pointer[I32]) -> None:
     """Shade the pixels ``begin .. end``, at most PART, whose attributes are the first values of ShadedPixels.
 
     In the mode ``DIRECT`` they are stored in ``packed_row``, with up to seven further ones. In the other modes, colour
     and alpha are stored in the rows ``base_color``.
     """
-    count, material = end - begin, segment.material
-    has_rows = has_varying_color(segment) or job.mode != DIRECT
+    count, material = end - begin, context.material
+    has_rows = has_varying_color(context) or job.mode != DIRECT
     if has_rows:
-        fill_base_color(segment, count, job.mode != DIRECT)
+        fill_base_color(context, count, job.mode != DIRECT)
     wants_light = address(job.key_factor) != 0 or address(job.light) != 0
-    if wants_light and segment.instance.topology == TRIANGLES and material.lighting != METALLIC_ROUGHNESS:
-        write_light_images(job.camera_light, segment, count, _light_images(job, segment, begin))
+    if wants_light and context.instance.topology == TRIANGLES and material.lighting != METALLIC_ROUGHNESS:
+        write_light_images(job.camera_light, context, count, _light_images(job, context, begin))
     if material.lighting == UNLIT:
-        _shade_unlit(job, segment, has_rows, begin, count, packed_row)
+        _shade_unlit(job, context, has_rows, begin, count, packed_row)
     elif material.lighting == LAMBERT:
-        _shade_lambert(job, segment, has_rows, begin, count, packed_row)
+        _shade_lambert(job, context, has_rows, begin, count, packed_row)
     else:
-        sample_maps(segment, count)
-        apply_normal_map(segment, count)
-        _shade_pbr(job, segment, has_rows, begin, count, packed_row)
+        sample_maps(context, count)
+        apply_normal_map(context, count)
+        _shade_pbr(job, context, has_rows, begin, count, packed_row)

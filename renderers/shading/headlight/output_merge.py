@@ -14,7 +14,7 @@ from renderers.compiler.pointers import advance
 from renderers.compiler.simd import F32x8, I32x8
 from renderers.shading.gamma import byte_from_unit, encode_gamma
 from renderers.shading.headlight.layout import DIRECT, UNDER, HeadlightInputs
-from renderers.shading.layout import STRIDE, Segment
+from renderers.shading.layout import STRIDE, ShadingContext
 from renderers.shading.level_cells import encoded_pixels
 from renderers.shading.materials import ALPHA_BLEND, ALPHA_MASK
 from renderers.shading.vec3 import load3, saturate
@@ -53,14 +53,14 @@ def _gathered_row(job: HeadlightInputs, y: I64) -> tuple[Pointer[F32], I64]:
 
 
 @device_function
-def gather(job: HeadlightInputs, segment: Segment, begin: I64, end: I64) -> None:
+def gather(job: HeadlightInputs, context: ShadingContext, begin: I64, end: I64) -> None:
     """Blend the row's pixels ``begin .. end`` behind the layers gathered so far, encoded as stored, as VTK does.
 
     Their colour and alpha are in the rows ``base_color`` of ShadedPixels.
     """
-    gathered, channel_size = _gathered_row(job, segment.y)
-    pixels, alpha_mode, cutoff = segment.pixels, segment.material.alpha_mode, segment.material.alpha_cutoff
-    gamma = segment.material.gamma != 0
+    gathered, channel_size = _gathered_row(job, context.y)
+    pixels, alpha_mode, cutoff = context.pixels, context.material.alpha_mode, context.material.alpha_cutoff
+    gamma = context.material.gamma != 0
     zero, one, lane = vec.f32(0.0), vec.f32(1.0), vec.iota()
     for x in range(begin, end, vec.LANES):
         transmittance = vec.load_volatile(gathered, 3 * channel_size + x)
@@ -92,10 +92,10 @@ def _beneath(gathered: Pointer[F32], channel_size: I64, x: I64, r: F32x8, g: F32
 
 
 @device_function
-def write_under(job: HeadlightInputs, segment: Segment, begin: I64, end: I64, packed_row: Pointer[I32]) -> None:
+def write_under(job: HeadlightInputs, context: ShadingContext, begin: I64, end: I64, packed_row: Pointer[I32]) -> None:
     """Write the row's pixels ``begin .. end``, blended behind the gathered layers; see ``gather``."""
-    gathered, channel_size = _gathered_row(job, segment.y)
-    pixels, gamma = segment.pixels, segment.material.gamma != 0
+    gathered, channel_size = _gathered_row(job, context.y)
+    pixels, gamma = context.pixels, context.material.gamma != 0
     for x in range(begin, end, vec.LANES):
         r, g, b = load3(pixels.base_color, x - begin, STRIDE)
         r, g, b = _encoded(job, gamma, r), _encoded(job, gamma, g), _encoded(job, gamma, b)

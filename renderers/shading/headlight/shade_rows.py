@@ -11,7 +11,7 @@ from renderers.shading.headlight.layout import GATHER, UNDER, HeadlightInputs
 from renderers.shading.headlight.lighting import fill_spans, is_uniform_lambert, shade
 from renderers.shading.headlight.output_merge import gather, write_background, write_under
 from renderers.shading.interpolation import interpolate
-from renderers.shading.layout import Segment, ShadedPixels, Spans
+from renderers.shading.layout import ShadedPixels, ShadingContext, Spans
 from renderers.shading.packed_rows import write_packed_row
 from renderers.shading.span_setup import set_up_spans
 from renderers.shading.spans import begin_rows, end_rows, find_spans, next_part, next_segment
@@ -19,26 +19,26 @@ from renderers.shading.spans import begin_rows, end_rows, find_spans, next_part,
 
 @inlined
 def _shade_segment(
-    job: HeadlightInputs, segment: Segment, first_span: I64, end_span: I64, packed_row: Pointer[I32]
+    job: HeadlightInputs, context: ShadingContext, first_span: I64, end_span: I64, packed_row: Pointer[I32]
 ) -> None:
     """Shade the spans ``first_span .. end_span``, of the selected instance.
 
     It is done in parts of at most PART pixels, whose attributes stay in the first-level cache.
     """
-    starts, is_uniform, span = segment.span_starts, is_uniform_lambert(job, segment), first_span
+    starts, is_uniform, span = context.span_starts, is_uniform_lambert(job, context), first_span
     begin, end = i64(starts[first_span]), i64(starts[end_span])
     while begin < end:
-        part_end, part_end_span = next_part(segment, span, begin, end)
-        has_constant_normals = set_up_spans(segment, span, part_end_span, end_span)
+        part_end, part_end_span = next_part(context, span, begin, end)
+        has_constant_normals = set_up_spans(context, span, part_end_span, end_span)
         if has_constant_normals and is_uniform:
-            fill_spans(segment, span, part_end_span, packed_row)
+            fill_spans(context, span, part_end_span, packed_row)
         else:
-            interpolate(segment, begin, part_end)
-            shade(job, segment, begin, part_end, packed_row)
+            interpolate(context, begin, part_end)
+            shade(job, context, begin, part_end, packed_row)
         if job.mode == GATHER:
-            gather(job, segment, begin, part_end)
+            gather(job, context, begin, part_end)
         elif job.mode == UNDER:
-            write_under(job, segment, begin, part_end, packed_row)
+            write_under(job, context, begin, part_end, packed_row)
         begin, span = part_end, part_end_span
 
 
@@ -62,22 +62,22 @@ def shade_rows(job_address: Address, ids_address: Address, row_begin: I64, row_e
     """
     job = HeadlightInputs(job_address)
     packed_row = i32_at(allocate(4 * (job.width + vec.LANES)))  # stores overrun it by up to seven pixels
-    segment = Segment()
-    begin_rows(segment, job.shading, job.width, Spans(), ShadedPixels())
-    span_starts, instance_index = segment.span_starts, i64(0)
+    context = ShadingContext()
+    begin_rows(context, job.shading, job.width, Spans(), ShadedPixels())
+    span_starts, instance_index = context.span_starts, i64(0)
     for y in range(row_begin, row_end):
         id_count, columns = _ids_of_row(job, y)
         ids = advance(i32_at(ids_address), (y - row_begin) * job.stride)
-        span_count = find_spans(segment, y, columns, ids, id_count)
+        span_count = find_spans(context, y, columns, ids, id_count)
         span = i64(0)
         while span < span_count:
-            end_span, instance_index, is_background = next_segment(segment, span, span_count, instance_index)
+            end_span, instance_index, is_background = next_segment(context, span, span_count, instance_index)
             if is_background:
                 write_background(job, y, i64(span_starts[span]), i64(span_starts[end_span]), packed_row)
             else:
-                _shade_segment(job, segment, span, end_span, packed_row)
+                _shade_segment(job, context, span, end_span, packed_row)
             span = end_span
         if job.mode != GATHER:
             write_packed_row(advance(job.color, 3 * (y - job.first_row) * job.width), packed_row, id_count)
-    end_rows(segment)
+    end_rows(context)
     release(address(packed_row))

@@ -7,7 +7,7 @@ from typing import Final
 from renderers.compiler import simd as vec
 from renderers.compiler.device_function import device_function
 from renderers.compiler.kernel_types import I64
-from renderers.shading.layout import STRIDE, UNLIT, Segment, ShadedPixels, ShadingMaterial
+from renderers.shading.layout import STRIDE, UNLIT, ShadedPixels, ShadingContext, ShadingMaterial
 from renderers.shading.material import apply_normal_map, fill_base_color, sample_maps, unoccluded_share
 from renderers.shading.materials import ALPHA_MASK, ALPHA_OPAQUE
 from renderers.shading.sampling import sample
@@ -23,7 +23,7 @@ ALPHA: Final = 2
 
 
 @device_function
-def fill_surfaces(segment: Segment, fill: I64, count: I64, surfaces: StudioSurfaces, first: I64) -> bool:
+def fill_surfaces(context: ShadingContext, fill: I64, count: I64, surfaces: StudioSurfaces, first: I64) -> bool:
     """Fill StudioSurfaces, except ``to_camera`` and ``color``, from the segment's first ``count`` ShadedPixels.
 
     Args:
@@ -34,8 +34,8 @@ def fill_surfaces(segment: Segment, fill: I64, count: I64, surfaces: StudioSurfa
         True if the surfaces must be lit. Otherwise they are unlit, and ``emitted`` is their colour, or only ``alpha``
         was filled.
     """
-    material, pixels = segment.material, segment.pixels
-    fill_base_color(segment, count, fill != COLOR)
+    material, pixels = context.material, context.pixels
+    fill_base_color(context, count, fill != COLOR)
     if fill != COLOR:
         _fill_alpha(material, pixels, count, surfaces, first)
         if fill == ALPHA:
@@ -45,11 +45,11 @@ def fill_surfaces(segment: Segment, fill: I64, count: I64, surfaces: StudioSurfa
             r, g, b = load3(pixels.base_color, x, STRIDE)
             store3(surfaces.emitted, first + x, STRIDE, (saturate(r), saturate(g), saturate(b)))
         return False
-    sample_maps(segment, count)
-    apply_normal_map(segment, count)
+    sample_maps(context, count)
+    apply_normal_map(context, count)
     _fill_geometry(pixels, count, surfaces, first)
     _fill_metallic_roughness(material, pixels, count, surfaces, first)
-    _fill_dielectric(segment, material, pixels, count, surfaces, first)
+    _fill_dielectric(context, material, pixels, count, surfaces, first)
     return True
 
 
@@ -106,19 +106,24 @@ def _fill_metallic_roughness(
 
 @device_function
 def _fill_dielectric(
-    segment: Segment, material: ShadingMaterial, pixels: ShadedPixels, count: I64, surfaces: StudioSurfaces, first: I64
+    context: ShadingContext,
+    material: ShadingMaterial,
+    pixels: ShadedPixels,
+    count: I64,
+    surfaces: StudioSurfaces,
+    first: I64,
 ) -> None:
     """Fill the rows ``f0`` and ``f90`` (KHR_materials_ior, KHR_materials_specular)."""
     one, reflectance = vec.f32(1.0), vec.f32(material.reflectance)
     if material.specular_texture >= 0:
-        sample(segment, material.specular_texture, count, pixels.texel, True)
+        sample(context, material.specular_texture, count, pixels.texel, True)
     for x in range(0, count, vec.LANES):
         f90 = vec.f32(material.specular)
         if material.specular_texture >= 0:
             f90 = f90 * vec.load(pixels.texel, 3 * STRIDE + x)
         vec.store(surfaces.f90, first + x, f90)
     if material.specular_color_texture >= 0:
-        sample(segment, material.specular_color_texture, count, pixels.texel, False)
+        sample(context, material.specular_color_texture, count, pixels.texel, False)
     for x in range(0, count, vec.LANES):
         tint, f90 = broadcast3(material.specular_color, 0), vec.load(surfaces.f90, first + x)
         if material.specular_color_texture >= 0:

@@ -17,7 +17,7 @@ from renderers.compiler.pointers import address, advance, allocate, f32_at, i32_
 from renderers.compiler.structs import Struct
 from renderers.msaa import SampleBand
 from renderers.shading.interpolation import interpolate, pixel_columns
-from renderers.shading.layout import PART, STRIDE, Segment, ShadedPixels, Spans
+from renderers.shading.layout import PART, STRIDE, ShadedPixels, ShadingContext, Spans
 from renderers.shading.span_setup import set_up_spans
 from renderers.shading.spans import begin_rows, end_rows, find_spans, next_part, next_segment
 from renderers.shading.studio.layout import (
@@ -114,13 +114,13 @@ def _light_and_blend(job: StudioInputs, row: _StudioRow) -> None:
 
 
 @device_function
-def _fill_columns(segment: Segment, row: _StudioRow, begin: I64, end: I64) -> None:
+def _fill_columns(context: ShadingContext, row: _StudioRow, begin: I64, end: I64) -> None:
     """Append the columns and ``alpha`` of the segment's pixels ``begin .. end`` to those of the gathered surfaces.
 
     Alpha is 1. If the segment has columns, it is the share of the samples that see the surface.
     """
     first, columns, alpha, weights = row.gathered, row.columns, row.surfaces.alpha, row.weights
-    one, pixel_columns_address = vec.f32(1.0), segment.columns
+    one, pixel_columns_address = vec.f32(1.0), context.columns
     for x in range(begin, end, vec.LANES):
         vec.store(columns, first + x - begin, pixel_columns(pixel_columns_address, x))
         vec.store(alpha, first + x - begin, one)
@@ -130,7 +130,7 @@ def _fill_columns(segment: Segment, row: _StudioRow, begin: I64, end: I64) -> No
 
 
 @device_function
-def _gather(job: StudioInputs, segment: Segment, row: _StudioRow, span: I64, end_span: I64) -> None:
+def _gather(job: StudioInputs, context: ShadingContext, row: _StudioRow, span: I64, end_span: I64) -> None:
     """Gather the surfaces of the spans ``span .. end_span`` of the selected instance.
 
     If there is not enough memory for them, the surfaces gathered before are lit first.
@@ -140,18 +140,18 @@ def _gather(job: StudioInputs, segment: Segment, row: _StudioRow, span: I64, end
         fill = i64(COLOR_AND_ALPHA)
     elif row.mode == WRITE_ALPHA:
         fill = i64(ALPHA)
-    surfaces, starts = row.surfaces, segment.span_starts
+    surfaces, starts = row.surfaces, context.span_starts
     begin, end = i64(starts[span]), i64(starts[end_span])
     while begin < end:
-        part_end, part_end_span = next_part(segment, span, begin, end)
+        part_end, part_end_span = next_part(context, span, begin, end)
         count = part_end - begin
         if row.gathered + count > PART:
             _light_and_blend(job, row)
-        set_up_spans(segment, span, part_end_span, end_span)
-        interpolate(segment, begin, part_end)
-        _fill_columns(segment, row, begin, part_end)
+        set_up_spans(context, span, part_end_span, end_span)
+        interpolate(context, begin, part_end)
+        _fill_columns(context, row, begin, part_end)
         first = row.gathered
-        needs_light = fill_surfaces(segment, fill, count, surfaces, first)
+        needs_light = fill_surfaces(context, fill, count, surfaces, first)
         if row.mode == WRITE_ALPHA:
             for k in range(first, first + count):
                 row.accumulated[row.columns[k]] = surfaces.alpha[k]
@@ -165,7 +165,7 @@ def _gather(job: StudioInputs, segment: Segment, row: _StudioRow, span: I64, end
 @device_function
 def _shade_row(
     job: StudioInputs,
-    segment: Segment,
+    context: ShadingContext,
     row: _StudioRow,
     y: I64,
     ids: Pointer[I32],
@@ -177,18 +177,18 @@ def _shade_row(
 
     Args:
         ids: pointer to the primitive ids of ``count`` pixels.
-        columns: as in Segment.
+        columns: as in ShadingContext.
         instance_index: that of the instance that probably owns the first primitive.
 
     Returns:
         That of the last instance, as ``instance_index`` for the next row.
     """
-    span_count = find_spans(segment, y, columns, ids, count)
+    span_count = find_spans(context, y, columns, ids, count)
     span = i64(0)
     while span < span_count:
-        end_span, instance_index, is_background = next_segment(segment, span, span_count, instance_index)
+        end_span, instance_index, is_background = next_segment(context, span, span_count, instance_index)
         if not is_background:
-            _gather(job, segment, row, span, end_span)
+            _gather(job, context, row, span, end_span)
         span = end_span
     _light_and_blend(job, row)
     return instance_index
@@ -245,8 +245,8 @@ def shade_rows(
     max_pixels = width
     if mode == EDGES:
         max_pixels = max(width, band.max_entries)
-    segment, row, surfaces = Segment(), _StudioRow(), StudioSurfaces()
-    begin_rows(segment, job.shading, max_pixels, Spans(), ShadedPixels())
+    context, row, surfaces = ShadingContext(), _StudioRow(), StudioSurfaces()
+    begin_rows(context, job.shading, max_pixels, Spans(), ShadedPixels())
     row.mode, row.channel_size, row.gathered = mode, channel_size, 0
     _clear(f32_at(address(surfaces)), _SURFACES_VALUES)  # loops overrun the gathered surfaces
     own_row, packed_row = f32_at(allocate(4 * 4 * channel_size)), i32_at(allocate(4 * channel_size))
@@ -261,7 +261,7 @@ def shade_rows(
         else:
             _clear(row.accumulated, 4 * channel_size)
         ids = advance(i32_at(ids_address), band_row * stride)
-        instance_index = _shade_row(job, segment, row, y, ids, i64(0), width, instance_index)
+        instance_index = _shade_row(job, context, row, y, ids, i64(0), width, instance_index)
         if mode == EDGES:
             mixed = advance(band.mixed, band_row * stride)
             _scale_mixed_pixels(row.accumulated, channel_size, mixed, band.mixed_counts[band_row])
@@ -269,10 +269,10 @@ def shade_rows(
             ids = advance(band.entry_ids, first_entry)
             columns, count = address(advance(band.entry_columns, first_entry)), i64(band.counts[band_row])
             row.weights = advance(band.entry_weights, first_entry)
-            instance_index = _shade_row(job, segment, row, y, ids, columns, count, instance_index)
+            instance_index = _shade_row(job, context, row, y, ids, columns, count, instance_index)
         if target_address == 0:
             write_image_row(row.accumulated, output, y, width, packed_row)
-    end_rows(segment)
+    end_rows(context)
     release(address(own_row))
     release(address(packed_row))
 
