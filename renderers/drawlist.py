@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from enum import Enum, IntEnum
 from typing import Final, overload
 
@@ -289,7 +289,7 @@ class LightKind(Enum):
 
 @dataclass(frozen=True, slots=True)
 class Light:
-    """A punctual light (KHR_lights_punctual) in the world frame. The headlight looks ignore it."""
+    """A punctual light (KHR_lights_punctual) in the frame of its node or the world. The headlight looks ignore it."""
 
     kind: LightKind
     color: tuple[float, float, float] = (1.0, 1.0, 1.0)
@@ -308,6 +308,19 @@ class Light:
     """Angle from the axis of a spot to the end of its falloff, radians."""
     casts_shadow: bool = True
 
+    def placed(self, X_world_light: NDArray[np.float64]) -> Light | None:
+        """Return the light in the world, given the affine (4, 4) pose of its frame; None if it has no direction there.
+
+        Scale changes neither range nor intensity, as KHR_lights_punctual says.
+        """
+        with np.errstate(all="ignore"):
+            position = X_world_light[:3, :3] @ self.position + X_world_light[:3, 3]
+            direction = X_world_light[:3, :3] @ self.direction
+            length = float(np.linalg.norm(direction))
+        if not (0.0 < length < math.inf and np.isfinite(position).all()):
+            return None
+        return replace(self, position=tuple(position.tolist()), direction=tuple((direction / length).tolist()))
+
 
 @dataclass(frozen=True, slots=True, eq=False, weakref_slot=True)
 class DrawList:
@@ -318,7 +331,7 @@ class DrawList:
     images: tuple[Image, ...] = field(default=())
     """Images of the materials' textures, without duplicates, to decode them in parallel."""
     lights: tuple[Light, ...] = ()
-    """Lights of the scene. The headlight looks ignore them."""
+    """Lights of the scene, in the world. The headlight looks ignore them."""
 
     @property
     def identity(self) -> DrawList | InstanceSet:

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from renderers.camera import Camera
-from renderers.drawlist import Light, LightKind
+from renderers.drawlist import DrawList, Light, LightKind
 
 MAX_LIGHTS: Final = 64
 """Maximum number of lights per image. Every pixel is lit by all of them."""
@@ -81,6 +81,10 @@ class Rig:
     """Maximum side of a shadow map, texels; 0: no shadows."""
     shadow_radius: int = 2
     """Radius of the shadow filter, texels."""
+
+    def lights_of(self, scene: DrawList) -> tuple[Light, ...]:
+        """Return the lights of an image of a scene, at most ``MAX_LIGHTS``."""
+        return (scene.lights if scene.lights and self.scene_lights else self.lights)[:MAX_LIGHTS]
 
     @property
     def is_dark(self) -> bool:

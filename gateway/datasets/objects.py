@@ -12,6 +12,7 @@ from gateway.scene.draw.flatten import flatten
 from gateway.scene.tree.nodes import Node
 from gateway.scene.tree.nodes import Path as TreePath
 from gateway.scene.tree.transforms import IDENTITY, Matrix
+from renderers.drawlist import Light
 
 _MAX_SHEAR: Final = 1e-6
 """Largest cosine between two axes of a frame that counts as not sheared."""
@@ -44,7 +45,11 @@ def objects_of(root: Node, models: Mapping[TreePath, str] = MappingProxyType({})
 
     Models that ``models`` does not name are called after their path.
     """
-    return tuple(SceneObject(path, models.get(path) or _model_name(path)) for path, node in root.walk() if node.parts)
+    return tuple(
+        SceneObject(path, models.get(path) or _model_name(path))
+        for path, node in root.walk()
+        if any(not isinstance(part.shape, Light) for part in node.parts or ())
+    )
 
 
 def joined_objects(objects: tuple[SceneObject, ...], is_whole: Callable[[TreePath], bool]) -> tuple[SceneObject, ...]:

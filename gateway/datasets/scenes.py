@@ -168,10 +168,9 @@ def _load_file(source: Source, options: SceneOptions) -> LoadedScene:
     scene = read_scene(Path(source.path), options)
     look: LookName = "pbr" if scene.from_drake else "studio"
     draw_list, labels = _flatten_with_drake_labels(scene.root) if scene.from_drake else _flatten_numbered(scene.root)
-    draw_list = replace(draw_list, lights=scene.lights)
     file_camera, flaws = usable_camera(scene.cameras, draw_list)
     warnings = (*scene.notes, *scene.warnings, *flaws)
-    description = _describe(source, scene.digests, labels, scene.generator, warnings, scene.lights)
+    description = _describe(source, scene.digests, labels, scene.generator, warnings, draw_list.lights)
     objects = objects_of(scene.root, scene.models)
     return LoadedScene(scene.root, draw_list, description, look, file_camera, objects=objects)
 
@@ -193,7 +192,7 @@ def _load_tree(source: Source, files: FolderFiles, options: SceneOptions) -> Loa
         raise SceneError(refusal)
     root = live.snapshot.root
     draw_list, labels = _flatten_numbered(root)
-    description = _describe(source, files.digests, labels, warnings=tuple(response.warnings))
+    description = _describe(source, files.digests, labels, "", tuple(response.warnings), draw_list.lights)
     return LoadedScene(root, draw_list, description, objects=objects_of(root))
 
 

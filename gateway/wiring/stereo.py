@@ -47,7 +47,6 @@ from gateway.wiring.context import Context
 from gateway.wiring.provided import Provided, ProvidedCamera
 from gateway.wiring.scene_setting import read_scene_setting
 from gateway.wiring.telemetry import NO_TELEMETRY
-from renderers.drawlist import Light
 from renderers.light_rig import Rig
 from renderers.stereo.depth.depth_images import DepthImages
 from renderers.stereo.model import DISPARITY_SCALE
@@ -62,12 +61,11 @@ async def setup(context: Context, provided: Provided) -> Provided:
     """Serve every camera's image stream over gRPC, the device's REST interface, ground truth and fault injection."""
     settings = context.settings
     configs, mounts = await asyncio.to_thread(_cameras, settings)
-    scene, lights = await _scene(context)
+    rig = Rig() if settings.rig is None else await asyncio.to_thread(rig_of, settings.rig)
+    scene = await _scene(context)
     projectors: dict[SceneView, ProjectorSource] = {}
     started = [
-        _start_camera(
-            context, number, replace(config, tokens=context.security.grpc, lights=lights), mount, scene, projectors
-        )
+        _start_camera(context, number, replace(config, tokens=context.security.grpc, rig=rig), mount, scene, projectors)
         for number, (config, mount) in enumerate(zip(configs, mounts, strict=True))
     ]
     services = [camera.service for camera, _ in started]
@@ -163,22 +161,18 @@ def _start_camera(
 
 def _figures(service: StereoService, view: SceneView) -> dict[str, Any]:
     """Return figures and warnings of a camera for ``/healthz``."""
-    values, warning = service.status(), view.warning()
+    values, warnings = service.status(), view.warnings()
     values["where"] = f"gRPC on port {values['port']}"  # the actual port, if 0 is configured
-    if warning:
-        values["warnings"] = [*values.get("warnings", ()), warning]
+    if warnings:
+        values["warnings"] = [*values.get("warnings", ()), *warnings]
     return values
 
 
-async def _scene(context: Context) -> tuple[LiveTree | None, tuple[Light, ...]]:
-    """Return the scene of ``--stereo-scene``, None for the live tree, and the lights of its file or of ``--rig``.
-
-    Raises RigFileError if ``--rig`` cannot be read.
-    """
+async def _scene(context: Context) -> LiveTree | None:
+    """Return the scene of ``--stereo-scene``; None for the live tree."""
     settings = context.settings
-    rig = Rig() if settings.rig is None else await asyncio.to_thread(rig_of, settings.rig)
     if settings.stereo_scene == "live":
-        return None, rig.lights
+        return None
     file = await read_scene_setting(settings.stereo_scene, settings)
     bounds = loose_bounds(flatten(file.root))
     is_suspect = bounds is not None and (bounds[1] - bounds[0]).max() >= 10.0 * MIN_SUSPECT
@@ -187,7 +181,7 @@ async def _scene(context: Context) -> tuple[LiveTree | None, tuple[Light, ...]]:
     tree = LiveTree()
     with tree.edit() as edit:
         edit.set_subtree((), file.root)
-    return tree, file.lights if file.lights and rig.scene_lights else rig.lights
+    return tree
 
 
 def config_of(settings: Settings, number: int = 0, camera: MountedCamera | None = None) -> StereoConfig:

@@ -17,7 +17,7 @@ from gateway.scene.draw.flatten import flatten
 from gateway.scene.tree.geometry import Part
 from gateway.scene.tree.nodes import Node
 from gateway.scene.tree.transforms import IDENTITY, scaling, translation
-from renderers.drawlist import Material
+from renderers.drawlist import Light, LightKind, Material
 from scenegate.messages.geometry import Box
 from tests.datasets.plates import Plate, load, write_plates
 from tests.files.gltf.builder import Builder
@@ -130,6 +130,7 @@ def test_flat_and_hidden_nodes_are_not_annotated(scenes: Path) -> None:
         "flat": Node(box, scaling(1.0, 1.0, 0.0)),
         "hidden": Node(box),
         "empty": Node(()),
+        "light": Node((Part(Light(LightKind.POINT), Material()),)),
     }
     nodes["hidden"].visible = False
     root = Node(None, IDENTITY, nodes)

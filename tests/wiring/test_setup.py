@@ -284,9 +284,17 @@ async def test_cameras_see_the_lights_of_their_scene_or_of_the_rig(
     rig.write_text(f'scene_lights = {scene_lights}\n[[lights]]\nkind = "point"\nposition = [5, 0, 0]\n')
     context = contexts(grpc_port=0, stereo_scene=str(scene), rig=rig, up="z")
     monkeypatch.setattr(Context, "run_service", lambda *_, **__: None)
+    scenes: list[Any] = []
+
+    def recorded(config: Any, scene: Any, *rest: Any) -> StereoService:
+        scenes.append(scene(None).scene)
+        return StereoService(config, scene, *rest)
+
+    monkeypatch.setattr(stereo, "StereoService", recorded)
     provided = await stereo.setup(context, Provided())
     assert provided.stereo is not None
-    assert [light.position for light in provided.stereo.service.config.lights] == [(x, 0.0, 0.0)]
+    seen = provided.stereo.service.config.rig.lights_of(scenes[0])
+    assert [light.position for light in seen] == [(x, 0.0, 0.0)]
 
 
 class Sensor:

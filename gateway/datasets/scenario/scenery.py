@@ -114,7 +114,13 @@ def _rig_of(light: LightChoice, folder: Path) -> Rig:
         )
         for lamp in light.lamps
     )
-    return replace(rig, lights=lamps or rig.lights, surroundings=surroundings, exposure=rig.exposure * light.intensity)
+    return replace(
+        rig,
+        lights=lamps or rig.lights,
+        scene_lights=False,  # of models
+        surroundings=surroundings,
+        exposure=rig.exposure * light.intensity,
+    )
 
 
 def lamp_direction(azimuth: float, elevation: float) -> tuple[float, float, float]:

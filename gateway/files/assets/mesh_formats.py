@@ -136,9 +136,6 @@ def _parts_of_gltf(
 ) -> tuple[Part, ...]:
     scene = read_gltf(data, resolve=resolve, limits=limits, decode_images=True, posted=up == "z")
     warnings += scene.warnings
-    if scene.lights:
-        count = len(scene.lights)
-        warnings.append(f"KHR_lights_punctual: {count} lights are left out, as those of all meshes; scenes keep theirs")
     is_z_up = scene.is_z_up(up, warnings)
     parts: list[Part] = []
     stack: list[tuple[Node, Matrix]] = [(scene.root, IDENTITY if is_z_up else Y_UP_TO_Z_UP)]

@@ -5,8 +5,11 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
+import msgspec
+
 from gateway.files.gltf import DRAKE_MERGER, AnimationTime, GltfError, PlacedCamera, Up, read_gltf
-from gateway.scene.tree.nodes import Node
+from gateway.scene.tree.geometry import Part
+from gateway.scene.tree.nodes import Node, TreeEdit
 from gateway.scene.tree.nodes import Path as TreePath
 from gateway.scene.tree.transforms import Y_UP_TO_Z_UP, scaling
 from renderers.drawlist import Light
@@ -32,8 +35,6 @@ class SceneFile:
     """Sentences about choices that the reader made."""
     generator: str = ""
     """``asset.generator`` of a glTF file."""
-    lights: tuple[Light, ...] = ()
-    """The file's lights, in the Z-up world."""
     digests: Mapping[str, str] = field(default_factory=dict)
     """SHA-256 in hexadecimal of the files that were read, by path relative to the scene file's folder. The scene file
     is first."""
@@ -58,12 +59,18 @@ def scaled(scene: SceneFile, scale: float) -> SceneFile:
         pose[:3, 3] *= scale
         far, xmag = (None if length is None else scale * length for length in (camera.zfar, camera.xmag))
         cameras.append(replace(camera, X_world_camera=pose, znear=scale * camera.znear, zfar=far, xmag=xmag))
-    lights: list[Light] = []
-    for light in scene.lights:
-        x, y, z = light.position
-        reach = None if light.range is None else scale * light.range
-        lights.append(replace(light, position=(scale * x, scale * y, scale * z), range=reach))
-    return replace(scene, root=root, cameras=tuple(cameras), lights=tuple(lights))
+    edit = TreeEdit(root)
+    for path, node in scene.root.walk():
+        if any(isinstance(part.shape, Light) for part in node.parts or ()):
+            edit.set_parts(path, tuple(_with_scaled_range(part, scale) for part in node.parts or ()))
+    return replace(scene, root=edit.commit(), cameras=tuple(cameras))
+
+
+def _with_scaled_range(part: Part, scale: float) -> Part:
+    light = part.shape
+    if not isinstance(light, Light) or light.range is None:
+        return part
+    return msgspec.structs.replace(part, shape=replace(light, range=scale * light.range))
 
 
 class FolderFiles:
@@ -122,7 +129,6 @@ def read_scene_file(
         warnings,
         notes=notes,
         generator=scene.generator,
-        lights=scene.lights,
         digests=files.digests,
         models=scene.models,
     )
@@ -131,13 +137,4 @@ def read_scene_file(
     root = scene.root
     rotated = Node(root.parts, Y_UP_TO_Z_UP @ root.matrix, root.children)
     cameras = tuple(replace(camera, X_world_camera=Y_UP_TO_Z_UP @ camera.X_world_camera) for camera in scene.cameras)
-    lights = tuple(
-        replace(light, position=_rotated(light.position), direction=_rotated(light.direction)) for light in scene.lights
-    )
-    return replace(file, root=rotated, cameras=cameras, lights=lights)
-
-
-def _rotated(vector: tuple[float, float, float]) -> tuple[float, float, float]:
-    """Rotate a point or direction from Y up to Z up."""
-    x, y, z = Y_UP_TO_Z_UP[:3, :3] @ vector
-    return float(x), float(y), float(z)
+    return replace(file, root=rotated, cameras=cameras)

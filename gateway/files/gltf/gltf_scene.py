@@ -1,5 +1,6 @@
 """A scene read from a glTF document, the result of ``read_gltf``: its tree, its cameras, and names of its meshes."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Final, Literal, TypeAlias
@@ -9,7 +10,9 @@ import numpy as np
 from gateway.files.gltf import schema
 from gateway.files.gltf.document_cache import DocumentContent
 from gateway.files.gltf.gltf_errors import as_warning, checked_item
+from gateway.files.gltf.material_reader import DEFAULT_MATERIAL
 from gateway.files.gltf.nodes import NodeParts, SceneNodes
+from gateway.scene.tree.geometry import Part
 from gateway.scene.tree.nodes import Node, Path, PathElement
 from gateway.scene.tree.transforms import IDENTITY, Matrix
 from renderers.camera import OPENGL_FROM_OPTICAL
@@ -57,8 +60,8 @@ class GltfScene:
     """Primitives of each node."""
     cameras: tuple[PlacedCamera, ...]
     """One for every node with a camera, parents first."""
-    lights: tuple[Light, ...]
-    """Lights of KHR_lights_punctual, in the document's world frame."""
+    node_lights: Mapping[int, Light]
+    """Lights of KHR_lights_punctual in the frame of their node, by its position in ``nodes``."""
     instance_count: int
     """Number of primitives of all nodes, one for each use; 0 for a scene without geometry."""
     element_count: int
@@ -69,7 +72,16 @@ class GltfScene:
     @cached_property
     def root(self) -> Node:
         """The nodes as an immutable tree, in the document's own axes (not rotated to Z up)."""
-        return _tree_of(self.nodes, self.parts)
+        parts = self.parts.copy()
+        for position, light in self.node_lights.items():
+            parts[position] = (*(parts[position] or ()), Part(light, DEFAULT_MATERIAL))
+        return _tree_of(self.nodes, parts)
+
+    @cached_property
+    def lights(self) -> tuple[Light, ...]:
+        """The lights in the document's world frame."""
+        placed = (light.placed(self.nodes.X_world_node[position]) for position, light in self.node_lights.items())
+        return tuple(light for light in placed if light is not None)
 
     @cached_property
     def models(self) -> dict[Path, str]:

@@ -4,7 +4,7 @@
 2. Order the nodes of the scene and compute their matrices: ``nodes``.
 3. Read the meshes in use (``part_reader``): ``buffers`` (``meshopt``), ``accessors``, ``meshes`` (``draco``,
    ``mesh_nodes``, ``deformation``); their ``material_reader`` and ``textures``.
-4. Place cameras and lights at their nodes: ``gltf_scene``, ``lights``.
+4. Find cameras and lights of nodes: ``gltf_scene``, ``lights``.
 
 A document that differs from an earlier one only in its nodes needs no step 3 (``document_cache``).
 """
@@ -21,7 +21,7 @@ from gateway.files.gltf.document_cache import DocumentContent, GltfCache, Hashed
 from gateway.files.gltf.draco import DracoMeshes
 from gateway.files.gltf.gltf_errors import GltfLimitError
 from gateway.files.gltf.gltf_scene import GltfScene, mesh_names, read_cameras
-from gateway.files.gltf.lights import place_lights, read_lights
+from gateway.files.gltf.lights import node_lights, read_lights
 from gateway.files.gltf.limits import GltfLimits
 from gateway.files.gltf.material_reader import Materials, resembles_drake
 from gateway.files.gltf.mesh_nodes import expand_mesh_nodes
@@ -159,7 +159,7 @@ def _combine(content: DocumentContent, nodes: SceneNodes, limits: GltfLimits) ->
     if content.generator == DRAKE_MERGER:
         warnings += _deformation_warnings(content, nodes)
     cameras = read_cameras(content.cameras, nodes, warnings)
-    lights = place_lights(content.lights, nodes, limits.max_lights, warnings) if content.lights else ()
+    lights = node_lights(content.lights, nodes, limits.max_lights, warnings) if content.lights else {}
     parts, instance_count, element_count = _node_parts(content, nodes, limits)
     warnings = list(dict.fromkeys(warnings))  # an object may be used several times
     if len(warnings) > _MAX_LISTED_WARNINGS:

@@ -24,7 +24,7 @@ from gateway.scene.tree.geometry import Part
 from gateway.scene.tree.materials import mean_color
 from gateway.scene.tree.transforms import is_rotation, quaternions_of
 from renderers.color import srgb_colors_from_linear, srgb_from_linear
-from renderers.drawlist import AlphaMode, Image, ImageError, Material, Mesh, Texture
+from renderers.drawlist import AlphaMode, Image, ImageError, Light, Material, Mesh, Texture
 from renderers.encode import jpeg_rgb, png_rgb, png_rgba
 from scenegate.messages.geometry import Geometry, MeshGeometry, PointCloud, Solid, Transform
 from scenegate.robots import robot as client
@@ -63,6 +63,8 @@ def read_published_robot(
     images = PartImages() if textures else None
     parts = tuple(tuple(each for part in link for each in geometries_of(part, images)) for link in robot.parts)
     others = {field.name: getattr(robot, field.name) for field in fields(Robot) if field.name != "parts"}
+    if count := sum(isinstance(part.shape, Light) for link in robot.parts for part in link):
+        others["warnings"] = (*robot.warnings, f"{count} lights of glTF meshes are left out: only triangles are sent")
     return client.Robot(**others, parts=parts)
 
 

@@ -65,7 +65,7 @@ class StereoSettings(BaseSettings):
         LightLevels(),
         "Light in camera images, which adds up; names that are left out keep their defaults. lamp: a point at the "
         "camera, its light at 1.5 m; sky: light on what faces up; ground: light on what faces down; key: light in "
-        "place of the lamp with the realism part shadows; scene, projector: factors of the lights of --stereo-scene or "
+        "place of the lamp with the realism part shadows; scene, projector: factors of the lights of glTF files or "
         "--rig, and of the projector.",
     )
     stereo_projectors: Literal["own", "shared"] = stereo(

@@ -23,13 +23,13 @@ import numpy as np
 
 from gateway.scene.tree.geometry import SHAPES, Part
 from gateway.scene.tree.transforms import IDENTITY
-from renderers.drawlist import AlphaMode, Image, Material, Mesh, Sampler, Texture, Wrap
+from renderers.drawlist import AlphaMode, Image, LightKind, Material, Mesh, Sampler, Texture, Wrap
 from renderers.encode import png_rgba
 from renderers.images import image_from_bytes
 from scenegate.messages.geometry import Solid, fields_of
 
 CLASSES: Final[Mapping[str, type[Any]]] = MappingProxyType(
-    {cls.__name__: cls for cls in (*SHAPES, Part, Material, Mesh, Sampler, Texture, AlphaMode, Wrap)}
+    {cls.__name__: cls for cls in (*SHAPES, Part, Material, Mesh, Sampler, Texture, AlphaMode, LightKind, Wrap)}
 )
 _PLAIN: Final = frozenset({type(None), bool, int, float, str, bytes, tuple, dict})
 _ARRAY_KINDS: Final = frozenset("fiub")

@@ -1,4 +1,4 @@
-"""Converts a tree to a draw list: instances with world matrices and labels, without hidden subtrees.
+"""Converts a tree to a draw list: instances with world matrices and labels, and lights, without hidden subtrees.
 
 A tree changes little between two images. ``Flattener`` keeps the instances of every node, and makes new ones only for
 nodes that were edited or moved. One NumPy call multiplies the matrices of a whole level of the tree, because calls for
@@ -6,7 +6,8 @@ single nodes would take longer than the arithmetic.
 """
 
 import threading
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
+from itertools import islice
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -19,7 +20,8 @@ from gateway.scene.tree.live import Snapshot
 from gateway.scene.tree.materials import TEXTURE_FIELDS, faded
 from gateway.scene.tree.nodes import Node, Path, PathElement
 from gateway.scene.tree.transforms import IDENTITY, Matrix, from_poses
-from renderers.drawlist import LABEL_NONE, DrawList, Image, Instance, Material, Mesh, Texture
+from renderers.drawlist import LABEL_NONE, DrawList, Image, Instance, Light, Material, Mesh, Texture
+from renderers.light_rig import MAX_LIGHTS
 from renderers.stop import check_stop
 
 DRAWABLE: Final = 1e15
@@ -39,6 +41,7 @@ class _Entry:
         "children",
         "first_index",
         "instances",
+        "lights",
         "meshes",
         "node",
         "opacity",
@@ -59,6 +62,8 @@ class _Entry:
         """Meshes of the node's parts, with their materials and labels."""
         self.X_node_mesh: NDArray[np.float64] | None = None
         """(len(meshes), 4, 4); None without meshes."""
+        self.lights: list[tuple[Light, Matrix]] = []
+        """Lights of the node's parts, with the transforms from their parts to the node."""
         self.instances: list[Instance] = []
         """Instances of the node itself: its meshes with drawable transforms."""
         self.first_index = 0
@@ -86,7 +91,7 @@ class Flattener:
 
     The ``instance_id`` of each instance is its index in the draw list. ``LabelTable.path_of`` returns the path of its
     label. Instances that did not change since the last call are the same objects. For an unchanged root, the draw list
-    is the same object.
+    is the same object. Of the lights, only the first ``MAX_LIGHTS`` are in it.
     """
 
     def __init__(self, labels: LabelTable) -> None:
@@ -98,6 +103,11 @@ class Flattener:
         """Return the draw list of a snapshot of the live tree."""
         with self._lock:
             return self._flattener.flatten(snapshot.root)
+
+    def warning(self) -> str:
+        """Return a sentence if the last tree has more than ``MAX_LIGHTS`` lights, else an empty string."""
+        count = self._flattener.light_count
+        return f"the scene has {count} lights, and only the first {MAX_LIGHTS} shine" if count > MAX_LIGHTS else ""
 
 
 class _TreeFlattener:
@@ -112,7 +122,14 @@ class _TreeFlattener:
         self._materials_changed = False
         """True if the current call of ``flatten`` may have changed the set of materials: images are collected again."""
         self._order_changed = False
-        """True if the current call may have changed the number of instances of a node."""
+        """True if the current call may have changed the number of instances of a node, or its lights."""
+        self._lit_entries: list[_Entry] = []
+        """Entries with lights, in the order of the tree."""
+
+    @property
+    def light_count(self) -> int:
+        """Number of lights in the last tree."""
+        return sum(len(entry.lights) for entry in self._lit_entries)
 
     def flatten(self, tree: Node) -> DrawList:
         """Return the draw list of a tree, given its root."""
@@ -136,7 +153,7 @@ class _TreeFlattener:
         images = self._last_draw_list.images
         if self._materials_changed or self._order_changed:
             images = images_of(instance.material for instance in instances)
-        self._last_draw_list = DrawList(tuple(instances), images)
+        self._last_draw_list = DrawList(tuple(instances), images, tuple(islice(self._lights(), MAX_LIGHTS)))
         self._last_tree = tree
         return self._last_draw_list
 
@@ -181,10 +198,15 @@ class _TreeFlattener:
 
     def _update_meshes(self, entry: _Entry, parts: tuple[Part, ...]) -> None:
         self._materials_changed = True
-        entry.meshes = []
+        self._order_changed |= bool(entry.lights)
+        entry.meshes, entry.lights = [], []
         matrices: list[Matrix] = []
         for part in parts:
             check_stop()
+            if isinstance(part.shape, Light):  # it needs no label
+                entry.lights.append((part.shape, part.X_node_part))
+                self._order_changed = True
+                continue
             label = self._label_of(entry.path, part)
             for mesh, material, X_part_mesh in meshes_of(part.shape, part.material):
                 drawn_material = material if entry.opacity == 1.0 else faded(material, entry.opacity)
@@ -233,8 +255,9 @@ class _TreeFlattener:
             entry.instances = instances
 
     def _all_instances(self) -> list[Instance]:
-        """Return all instances in the order of the tree, with their index as ``instance_id``."""
+        """Return all instances in the order of the tree, with their index as ``instance_id``; collect lit entries."""
         result: list[Instance] = []
+        self._lit_entries = []
         stack = [self._root]
         while stack:
             entry = stack.pop()
@@ -245,8 +268,20 @@ class _TreeFlattener:
                     for instance_id, old in enumerate(entry.instances, index)
                 ]
             result += entry.instances
+            if entry.lights:
+                self._lit_entries.append(entry)
             stack += reversed(entry.children.values())
         return result
+
+    def _lights(self) -> Iterator[Light]:
+        """Yield the lights of the tree in the world, in its order, without those that are too far away."""
+        for entry in self._lit_entries:
+            for light, X_node_light in entry.lights:
+                with np.errstate(all="ignore"):
+                    X_world_light = _product(entry.X_world_node, X_node_light)
+                placed = light.placed(X_world_light) if (np.abs(X_world_light) < DRAWABLE).all() else None
+                if placed is not None:
+                    yield placed
 
 
 def _product(X: Matrix, Y: Matrix) -> Matrix:

@@ -14,7 +14,7 @@ from gateway.scene.tree.geometry import Line, PointCloud, Shape, Surface
 from gateway.scene.tree.transforms import IDENTITY, Matrix, scaling, translation
 from renderers import primitives
 from renderers.color import linear_colors_from_srgb
-from renderers.drawlist import Material, Mesh
+from renderers.drawlist import Light, Material, Mesh
 from renderers.tubes import clean_polyline, tube
 from scenegate.messages.geometry import Box, Capsule, Cylinder, Ellipsoid, Sphere, Triad
 
@@ -78,6 +78,8 @@ def _shape_meshes(shape: Shape) -> tuple[_ShapeMesh, ...]:
             return _cloud_meshes(shape)
         case Line():
             return _line_meshes(shape)
+        case Light():
+            return ()
     raise TypeError(f"{type(shape).__name__} has no meshes")
 
 

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gateway.scene.tree.transforms import IDENTITY
-from renderers.drawlist import Material, Mesh
+from renderers.drawlist import Light, Material, Mesh
 from scenegate.messages.geometry import Solid
 
 _NO_CHANNELS: Mapping[str, NDArray[np.float32]] = MappingProxyType({})
@@ -55,8 +55,8 @@ class Line:
     """Length of an arrowhead, whose tip lies at the end point; None: ``head_radius``."""
 
 
-Shape = Solid | Surface | PointCloud | Line
-SHAPES: Final[tuple[type[Shape], ...]] = (*Solid.__subclasses__(), Surface, PointCloud, Line)
+Shape = Solid | Surface | PointCloud | Line | Light
+SHAPES: Final[tuple[type[Shape], ...]] = (*Solid.__subclasses__(), Surface, PointCloud, Line, Light)
 
 
 class Part(msgspec.Struct, frozen=True, gc=False, eq=False):

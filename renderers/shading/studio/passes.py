@@ -16,7 +16,7 @@ from renderers.compiler.kernel_calls import kernel_address
 from renderers.compiler.pointers import address_of
 from renderers.compiler.simd import LANES
 from renderers.drawlist import DrawList, Light
-from renderers.light_rig import MAX_LIGHTS, MAX_SHADOWS, Rig
+from renderers.light_rig import MAX_SHADOWS, Rig
 from renderers.msaa import sample_cameras
 from renderers.shading.depth_peeling import for_bands, peeled
 from renderers.shading.scene import ShadingJob, ShadingScene
@@ -69,9 +69,8 @@ def paint(
     cull_back = shading.cull_back
     opaque = ~shading.transparent if shading.has_transparency else None
     cameras = sample_cameras(camera, samples)
-    has_scene_lights = bool(scene.lights) and rig.scene_lights
-    lights = (scene.lights if has_scene_lights else rig.lights)[:MAX_LIGHTS]
-    is_metered = has_scene_lights and rig.auto_exposure
+    lights = rig.lights_of(scene)
+    is_metered = bool(scene.lights) and rig.scene_lights and rig.auto_exposure
     has_shadows = rig.shadow_size != 0 and any(light.casts_shadow for light in lights)
     has_shadows = has_shadows and bool(casters(scene.instances).any())
     visible: Visibility | None = None

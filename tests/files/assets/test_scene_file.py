@@ -88,7 +88,7 @@ def test_lights_are_rotated_with_the_scene(
     node = {"translation": [1, 2, 3], "extensions": {"KHR_lights_punctual": {"light": 0}}}
     lights = {"KHR_lights_punctual": {"lights": [{"type": "spot"}]}}
     path = written(tmp_path, nodes=[node], scenes=[{"nodes": [0]}], extensions=lights)
-    (light,) = read_scene_file(path, up=up).lights
+    (light,) = flatten(read_scene_file(path, up=up).root).lights
     assert light.position == pytest.approx(position)
     assert light.direction == pytest.approx(direction)
 

@@ -11,6 +11,7 @@ import pytest
 from gateway.files.assets.scene_file import read_scene_file
 from gateway.files.gltf import GltfLimits, read_gltf
 from gateway.files.gltf.lights import MAX_RANGE
+from gateway.scene.draw.flatten import flatten
 from renderers.drawlist import Light, LightKind
 
 HALF = math.sqrt(0.5)
@@ -97,7 +98,7 @@ def test_lights_of_files_are_rotated_to_z_up(tmp_path: Path) -> None:
     node = {"translation": [1, 2, 3], "extensions": {"KHR_lights_punctual": {"light": 0}}}
     path = tmp_path / "lamp.gltf"
     path.write_bytes(document({"type": "directional"}, nodes=[node]))
-    (light,) = read_scene_file(path).lights
+    (light,) = flatten(read_scene_file(path).root).lights
     np.testing.assert_allclose(light.position, (1, -3, 2), atol=1e-12)
     np.testing.assert_allclose(light.direction, (0, 1, 0), atol=1e-12)
 

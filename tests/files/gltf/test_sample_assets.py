@@ -3,7 +3,6 @@ it is drawn, or refused for one of the listed reasons."""
 
 import os
 import re
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -37,7 +36,7 @@ def test_every_model_is_drawn_or_a_gltf_error() -> None:
         except SceneFileError as error:
             refused.append(str(error))
             continue
-        scene = replace(flatten(file.root), lights=file.lights)
+        scene = flatten(file.root)
         camera = resolve_camera(parse_camera("fit"), Node(), 64, 48, draw_list=scene)
         frame = renderer.render(scene, camera, Output.COLOR | Output.DEPTH, Look("studio"))
         assert frame.color is not None

@@ -125,12 +125,13 @@ def test_all_lengths_of_a_file_are_scaled(tmp_path: Path) -> None:
     document = forms.gltf(generator="other", nodes=nodes, extensions=light)
     path = write(tmp_path, json.dumps(document), "s.gltf")
     scene, original = (read_scene(path, SceneOptions("z", scale)) for scale in (0.001, 1.0))
+    placed, original_placed = (flatten(each.root).lights[0] for each in (scene, original))
     for scaled_values, values in (
         (scene_bounds(flatten(scene.root)), scene_bounds(flatten(original.root))),
         (scene.cameras[0].X_world_camera[:3, 3], original.cameras[0].X_world_camera[:3, 3]),
         (scene.cameras[0].zfar, original.cameras[0].zfar),
-        (scene.lights[0].position, original.lights[0].position),
-        (scene.lights[0].range, original.lights[0].range),
+        (placed.position, original_placed.position),
+        (placed.range, original_placed.range),
     ):
         assert scaled_values is not None
         assert values is not None

@@ -13,7 +13,7 @@ from hypothesis.extra import numpy as hnp
 from gateway.scene.tree.geometry import Line, Part, PointCloud, Shape, Surface
 from gateway.scene.tree.nodes import Node, Path
 from gateway.scene.tree.transforms import IDENTITY
-from renderers.drawlist import AlphaMode, Image, Material, Mesh, Sampler, Texture, Wrap
+from renderers.drawlist import AlphaMode, Image, Light, LightKind, Material, Mesh, Sampler, Texture, Wrap
 from renderers.encode import png_rgba
 from renderers.images import image_from_bytes
 from tests.support.solids import solids
@@ -87,6 +87,7 @@ shapes: st.SearchStrategy[Shape] = st.one_of(
         st.booleans(),
         head_length=st.none() | sizes,
     ),
+    st.builds(Light, st.sampled_from(LightKind), triples, sizes, range=st.none() | sizes),
 )
 matrices = hnp.arrays(np.float64, (4, 4), elements=st.floats(-1e3, 1e3))
 parts = st.builds(Part, shapes, materials, st.just(IDENTITY) | matrices, names, names)

@@ -14,7 +14,8 @@ from gateway.scene.tree.live import LiveTree, Snapshot
 from gateway.scene.tree.materials import faded
 from gateway.scene.tree.nodes import Node, Path, TreeEdit
 from renderers import primitives
-from renderers.drawlist import LABEL_NONE, DrawList, Image, Material, Texture
+from renderers.drawlist import LABEL_NONE, DrawList, Image, Light, LightKind, Material, Texture
+from renderers.light_rig import MAX_LIGHTS
 from scenegate.messages.geometry import Box, Capsule, Sphere, Triad
 
 RED = Material(base_color=(1, 0, 0, 1))
@@ -26,6 +27,7 @@ SHAPES = [
     Part(Triad(1.0), RED),
     Part(Line(np.array([(0, 0, 0), (1, 0, 0)], np.float32), end_head=True), RED),
     Part(Capsule(0, 0), RED),
+    Part(Light(LightKind.SPOT, range=2.0), RED, tf.translation(0, 1, 0)),
 ]
 WILD = Part(Box((1, 1, 1)), RED, np.full((4, 4), math.nan))
 
@@ -50,6 +52,24 @@ def naive(root: Node, labels: LabelTable) -> list[tuple[Any, ...]]:
                     if (np.abs(X) < 1e15).all():
                         out.append((mesh, material, X, labels.label_of(path)))
         stack.extend(((*path, name), child, world, opacity) for name, child in reversed(node.children.items()))
+    return out
+
+
+def naive_lights(root: Node) -> list[tuple[Any, ...]]:
+    """Return the positions and directions of the lights by the definition, in the order of the tree."""
+    out = []
+    stack: list[tuple[Node, np.ndarray]] = [(root, np.eye(4))]
+    while stack:
+        node, world = stack.pop()
+        if not node.visible:
+            continue
+        with np.errstate(all="ignore"):
+            world = world @ node.matrix
+            for part in node.parts or ():
+                X = world @ part.X_node_part
+                if isinstance(part.shape, Light) and (np.abs(X) < 1e15).all() and X[:3, 2].any():
+                    out.append((*X[:3, 3], *(-X[:3, 2] / np.linalg.norm(X[:3, 2]))))
+        stack.extend((child, world) for child in reversed(node.children.values()))
     return out
 
 
@@ -141,6 +161,10 @@ def test_incremental_flattening_equals_the_definition(seed: int) -> None:
         try:
             assert_draws(flattener.flatten(edits.live.snapshot), expected)
             assert_draws(flatten(root, label_of=lambda path, _: labels.label_of(path)), expected)
+            lights = flattener.flatten(edits.live.snapshot).lights
+            assert len(lights) == len(naive_lights(root))
+            for light, values in zip(lights, naive_lights(root), strict=True):
+                np.testing.assert_allclose((*light.position, *light.direction), values, rtol=1e-9, atol=1e-9)
         except AssertionError as error:
             error.add_note("after\n" + "\n".join(log[-8:]))
             raise
@@ -241,6 +265,20 @@ def test_labels_are_dense_bounded_and_thread_safe() -> None:
 def test_the_label_limit_has_24_bits(limit: Any) -> None:
     with pytest.raises(ValueError, match="label limit"):
         LabelTable(limit)
+
+
+def test_lights_beyond_the_limit_are_left_out_with_a_warning() -> None:
+    live, flattener = LiveTree(), Flattener(LabelTable())
+    lamp = (Part(Light(LightKind.POINT), RED),)
+    for count, expected in ((MAX_LIGHTS, ""), (MAX_LIGHTS + 1, f"{MAX_LIGHTS + 1} lights")):
+        with live.edit() as edit:
+            for k in range(count):
+                edit.set_parts((k,), lamp)
+                edit.set_matrix((k,), tf.translation(k, 0, 0))
+        lights = flattener.flatten(live.snapshot).lights
+        assert [light.position[0] for light in lights] == [*range(MAX_LIGHTS)]
+        assert expected in flattener.warning()
+        assert bool(flattener.warning()) == bool(expected)
 
 
 def test_an_empty_or_hidden_tree_draws_nothing() -> None:

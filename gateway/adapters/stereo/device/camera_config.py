@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 from gateway.adapters.stereo.device.parameter_specs import DeviceLimits
 from gateway.adapters.stereo.device.profile import DEFAULT_PROFILE, DepthMode, Profile, read_profile
 from gateway.runtime.http.tokens import Tokens
-from renderers.drawlist import Light
 from renderers.interface import LookName
+from renderers.light_rig import Rig
 from renderers.stereo.lens.color_camera import ColorCamera
 from renderers.stereo.light.levels import LightLevels
 from renderers.stereo.model import Intrinsics, StereoModel
@@ -75,8 +75,8 @@ class StereoConfig:
     """Effects of real lenses and lights that camera images have."""
     light: LightLevels = field(default_factory=LightLevels)
     """Light of each source in camera images."""
-    lights: tuple[Light, ...] = ()
-    """Lights in the world, besides those of the scene's draw list."""
+    rig: Rig = field(default_factory=Rig)
+    """Rig whose lights a scene without lights has; only its lights and ``scene_lights`` count."""
     look: LookName = "gltf"
     """Shading of the rendered images."""
     background: tuple[int, int, int] = (204, 229, 255)

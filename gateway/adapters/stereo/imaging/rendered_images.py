@@ -117,7 +117,7 @@ class Imaging:
         """Return a look with the light of a capture. The lamp is half-way between the cameras, as the projector is."""
         config = self.config
         lamp = capture.X_world_left[:3, 3] + config.model.baseline / 2 * capture.X_world_left[:3, 0]
-        lights = (*capture.scene.lights, *config.lights)
+        lights = config.rig.lights_of(capture.scene)
         light = camera_light(config.light, lamp, lights, has_key_light="shadows" in config.realism)
         return replace(look, camera_light=replace(light, key=key))
 

@@ -196,13 +196,14 @@ class SceneView:
             self._last_pose, self._last_revision = pose, snapshot.revision
         return pose
 
-    def warning(self) -> str:
-        """Return a sentence if the camera's node is missing in the current snapshot, else an empty string."""
+    def warnings(self) -> list[str]:
+        """Return a sentence if the camera's node is missing in the current snapshot, and one if lights are left out."""
+        sentences = [sentence] if (sentence := self._flattener.warning()) else []
         try:
             self._node_pose(self.tree.snapshot.root)
         except CameraError as error:
-            return f"the stereo camera keeps its last pose: {error}"
-        return ""
+            sentences.append(f"the stereo camera keeps its last pose: {error}")
+        return sentences
 
     def _node_pose(self, root: Node) -> NDArray[np.float64]:
         """Return the pose of the camera's node in the world, (4, 4) float64; that of a fixed mount if there is none.

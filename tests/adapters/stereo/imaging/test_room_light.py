@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import json
+import math
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -10,14 +13,21 @@ from numpy.typing import NDArray
 
 from gateway.adapters.stereo.device.camera_config import StereoConfig
 from gateway.adapters.stereo.imaging.rendered_images import GREY, ImageRequest, Imaging
-from gateway.adapters.stereo.imaging.scene_view import Capture
-from gateway.scene.tree.transforms import look_at
-from renderers.drawlist import Light, LightKind
+from gateway.adapters.stereo.imaging.scene_view import Capture, SceneView
+from gateway.files.assets.mesh_formats import MESH_LIMITS, parse_mesh
+from gateway.scene.draw.flatten import Flattener
+from gateway.scene.draw.mount import Mount
+from gateway.scene.tree.geometry import Part
+from gateway.scene.tree.labels import LabelTable
+from gateway.scene.tree.live import LiveTree
+from gateway.scene.tree.transforms import look_at, translation
+from renderers.drawlist import Light, LightKind, Material
 from renderers.raster import CpuRenderer
 from renderers.stereo.light.levels import LightLevels
 from renderers.stereo.realism import REALISM_PARTS, RealismPart
 from renderers.stereo.sensor.camera_image import NoiseStream
 from renderers.stereo.sensor.exposure import Exposure
+from scenegate.messages.geometry import Box
 from tests.adapters.stereo.conftest import SMALL
 from tests.adapters.stereo.rooms import noise_texture, room, walls_seen
 
@@ -76,10 +86,10 @@ def test_the_projector_measures_plain_walls(
 
 def light_image(renderer: CpuRenderer, levels: LightLevels, *lights: Light) -> NDArray[np.float64]:
     """Return the light in a grey image of the plain room without noise, white is 1."""
-    config = StereoConfig(model=SMALL, noise=False, light=levels, lights=lights)
+    config = StereoConfig(model=SMALL, noise=False, light=levels)
     pose = look_at((-2.5, 0.0, 1.2), (3.0, 0.0, 1.2), (0.0, 0.0, 1.0))
     request = ImageRequest(Exposure(0.005), NoiseStream.LEFT, frozenset((GREY,)))
-    capture = Capture(0, room(BOX, HEIGHT, None), 1, pose, 0)
+    capture = Capture(0, replace(room(BOX, HEIGHT, None), lights=lights), 1, pose, 0)
     return Imaging(config, renderer).expose(capture, request)[GREY].image / 255.0
 
 
@@ -100,6 +110,66 @@ def test_light_adds_up(renderer: CpuRenderer) -> None:
     assert by_spot[row, column] == pytest.approx(rest[row, column], abs=0.01), "outside of the spot"
     half = light_image(renderer, replace(dark, scene=0.5), spot)
     assert (half - rest).sum() == pytest.approx((by_spot - rest).sum() / 2, rel=0.05)
+
+
+def spot_file(**node: Any) -> bytes:
+    """Return a glTF file with a spot that shines down its axis -z, at a node with these properties."""
+    extension = "KHR_lights_punctual"
+    light = {"type": "spot", "intensity": 8.0, "spot": {"outerConeAngle": 0.3}}
+    return json.dumps(
+        {
+            "asset": {"version": "2.0"},
+            "nodes": [{"extensions": {extension: {"light": 0}}, **node}],
+            "extensions": {extension: {"lights": [light]}},
+        }
+    ).encode()
+
+
+def test_a_light_of_a_file_shines_from_its_node_while_it_is_shown(renderer: CpuRenderer) -> None:
+    """A spot 2 m above the floor of a dark hall: what it lights is brighter than elsewhere."""
+    tree = LiveTree()
+    grey = Material(base_color=(0.5, 0.5, 0.5, 1.0), metallic=0.0, roughness=0.9)
+    pose = look_at((0.0, -3.0, 2.0), (0.0, 0.0, 0.0), (0.0, 0.0, 1.0))
+    view = SceneView(tree, Flattener(LabelTable()), Mount(pose))
+    camera = SMALL.camera(pose, offset=0.0, divisor=1, near=0.01, far=100.0)
+    config = StereoConfig(model=SMALL, noise=False, light=LightLevels(lamp=0.0, sky=0.0, ground=0.0))
+    request = ImageRequest(Exposure(0.005), NoiseStream.LEFT, frozenset((GREY,)))
+    warnings: list[str] = []
+    down = [-math.sqrt(0.5), 0.0, 0.0, math.sqrt(0.5)]  # from -z to -y, which is down in glTF
+    parts = parse_mesh(spot_file(rotation=down), "gltf", lambda name: b"", MESH_LIMITS, warnings)
+    assert warnings == []
+
+    def lit_at(*places: float) -> list[float]:
+        """Return the grey on the floor at places (x, 0, 0)."""
+        capture = Capture(0, view.state().scene, 1, pose, 0)
+        image = Imaging(config, renderer).expose(capture, request)[GREY].image
+        found = []
+        for x in places:
+            point = camera.X_camera_world @ (x, 0.0, 0.0, 1.0)
+            u, v = camera.fx * point[0] / point[2] + camera.cx, camera.fy * point[1] / point[2] + camera.cy
+            found.append(float(image[int(v) - 2 : int(v) + 3, int(u) - 2 : int(u) + 3].mean()))
+        return found
+
+    with tree.edit() as edit:
+        edit.set_parts(("floor",), (Part(Box((9.0, 9.0, 0.1)), grey, translation(0.0, 0.0, -0.05)),))
+    dark = lit_at(-1.0, 1.0)
+    assert max(dark) < 5.0
+    with tree.edit() as edit:
+        edit.set_parts(("lamp", "head"), parts)
+        edit.set_matrix(("lamp",), translation(-1.0, 0.0, 2.0))
+    left, right = lit_at(-1.0, 1.0)
+    assert left > 40.0
+    assert right == pytest.approx(dark[1], abs=1.0)
+    with tree.edit() as edit:
+        edit.set_matrix(("lamp",), translation(1.0, 0.0, 2.0))
+    assert lit_at(1.0, -1.0) == pytest.approx([left, dark[0]], abs=2.0)
+    with tree.edit() as edit:
+        edit.set_visible(("lamp",), False)
+    assert lit_at(-1.0, 1.0) == pytest.approx(dark, abs=1.0)
+    with tree.edit() as edit:
+        edit.set_visible(("lamp",), True)
+        edit.delete(("lamp", "head"))
+    assert lit_at(-1.0, 1.0) == pytest.approx(dark, abs=1.0)
 
 
 def test_the_lamp_is_a_point(renderer: CpuRenderer) -> None:

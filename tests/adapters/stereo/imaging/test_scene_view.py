@@ -47,16 +47,16 @@ def test_scene_and_pose_are_of_one_time() -> None:
 def test_a_missing_node_is_a_warning_and_the_last_pose_is_kept() -> None:
     tree = LiveTree()
     view = view_of(tree)
-    assert "the stereo camera keeps its last pose" in view.warning()
+    assert "the stereo camera keeps its last pose" in view.warnings()[0]
     assert view.state().X_world_left[:3, 3].tolist() == [9, 9, 9]
     with tree.edit() as edit:
         edit.set_matrix(("head",), tf.translation(1, 2, 3))
-    assert view.warning() == ""
+    assert view.warnings() == []
     assert view.state().X_world_left[:3, 3].tolist() == [1, 2, 3]
     with tree.edit() as edit:
         edit.delete(("head",))
     assert view.state().X_world_left[:3, 3].tolist() == [1, 2, 3]
-    assert "no such node" in view.warning()
+    assert "no such node" in view.warnings()[0]
 
 
 def test_earlier_scenes_do_not_move_a_camera_whose_node_is_missing() -> None:
@@ -74,7 +74,7 @@ def test_earlier_scenes_do_not_move_a_camera_whose_node_is_missing() -> None:
 
 def test_a_fixed_camera_never_warns() -> None:
     view = SceneView(LiveTree(), Flattener(LabelTable()), Mount(tf.translation(1, 2, 3)))
-    assert view.warning() == ""
+    assert view.warnings() == []
     assert view.state().X_world_left[:3, 3].tolist() == [1, 2, 3]
 
 
@@ -103,7 +103,7 @@ def test_the_pose_of_an_earlier_time_is_not_the_last_one() -> None:
     past = view.state_in(earlier, Flattener(LabelTable()))
     assert (past.X_world_left[:3, 3].tolist(), past.timestamp, past.revision) == ([1, 2, 3], 0, 1)
     assert view.state().X_world_left[:3, 3].tolist() == [4, 5, 6]
-    assert "no such node" in view.warning()
+    assert "no such node" in view.warnings()[0]
 
 
 def test_the_left_camera_has_the_models_intrinsics() -> None:

@@ -179,16 +179,17 @@ def test_gltf_is_y_up_unless_drake_merged_it(root: Path, files: MeshFiles, gener
     np.testing.assert_allclose(bounds(files.load("t.gltf")), expected, atol=1e-6)
 
 
-def test_lights_of_a_mesh_are_left_out_with_a_warning(root: Path, files: MeshFiles) -> None:
+def test_lights_of_a_mesh_are_parts_in_its_frame(root: Path, files: MeshFiles) -> None:
     document = json.loads(gltf("made by hand"))
-    document["extensions"] = {"KHR_lights_punctual": {"lights": [{"type": "point"}]}}
-    document["nodes"][0]["extensions"] = {"KHR_lights_punctual": {"light": 0}}
+    document["extensions"] = {"KHR_lights_punctual": {"lights": [{"type": "spot", "range": 5}]}}
+    document["nodes"][0] |= {"translation": [1, 2, 3], "extensions": {"KHR_lights_punctual": {"light": 0}}}
     write(root / "lamp.gltf", json.dumps(document))
     write(root / "data.bin", np.eye(3, dtype=np.float32).tobytes())
     warnings: list[str] = []
-    assert len(files.load("lamp.gltf", warnings=warnings)) == 1
-    (warning,) = warnings
-    assert "KHR_lights_punctual" in warning
+    parts = files.load("lamp.gltf", (2, 2, 2), warnings)
+    assert warnings == []
+    (light,) = flatten(Node(parts)).lights
+    assert (light.position, light.direction, light.range) == ((2, -6, 4), (0, 1, 0), 5)
 
 
 def test_scale_is_applied_along_the_files_axes(root: Path, files: MeshFiles) -> None:

@@ -278,7 +278,7 @@ def renderer() -> Iterator[CpuRenderer]:
 def render_document(renderer: CpuRenderer, b: Builder, rig: Rig) -> np.ndarray[Any, Any]:
     read = b.read()
     assert not read.warnings
-    return rendered(renderer, replace(flatten(read.root), lights=read.lights), CAMERA, rig)
+    return rendered(renderer, flatten(read.root), CAMERA, rig)
 
 
 def sheet_pixels() -> tuple[Point, np.ndarray[Any, Any]]:
