@@ -24,6 +24,8 @@ from renderers.drawlist import (
     DrawList,
     Image,
     ImageError,
+    Light,
+    LightKind,
     Material,
     Mesh,
     Sampler,
@@ -90,6 +92,19 @@ def test_our_reader_reads_the_same_geometry() -> None:
     assert before.keys() == after.keys()
     for topology in before:
         np.testing.assert_allclose(sorted_rows(after[topology]), sorted_rows(before[topology]), atol=1e-4)
+
+
+def test_our_reader_reads_the_same_lights() -> None:
+    spot = Light(LightKind.SPOT, (1.0, 0.5, 0.0), 7.0, range=3.0, inner_cone=0.1, outer_cone=0.2)
+    edit = TreeEdit(Node())
+    for k, light in enumerate((spot, Light(LightKind.POINT), Light(LightKind.DIRECTIONAL, intensity=2.0))):
+        edit.set_parts(("lamp", k), (Part(Box((1, 1, 1)), RED), Part(light, RED, tf.translation(0, 0, k))))
+        edit.set_pose(("lamp", k), (k, 2.0, 3.0, 0.5, 0.5, 0.5, 0.5))
+    before, after = flatten(edit.commit()).lights, reread(edit.root).lights
+    assert len(before) == len(after) == 3
+    for old, new in zip(before, after, strict=True):
+        assert replace(new, position=old.position, direction=old.direction) == old
+        np.testing.assert_allclose((new.position, new.direction), (old.position, old.direction), atol=1e-12)
 
 
 def test_trimesh_reads_the_same_triangles_in_y_up() -> None:

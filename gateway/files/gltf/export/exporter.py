@@ -1,4 +1,4 @@
-"""Writes a scene tree as one binary glTF 2.0 file (``.glb``): nodes named as in the tree, meshes, embedded textures.
+"""Writes a scene tree as one binary glTF 2.0 file (``.glb``): nodes named as in the tree, meshes with textures, lights.
 
 The tree is Z-up and glTF is Y-up, so all nodes are below a root that is rotated by -90 degrees about X. A ``Mesh`` or
 ``Image`` object with several uses is written once, and so are equal materials. Vertex colours of point clouds and
@@ -20,13 +20,14 @@ from gateway.files.gltf.export.glb_document import (
     is_writable,
 )
 from gateway.files.gltf.export.material_writer import MaterialWriter
+from gateway.files.gltf.lights import EXTENSION as LIGHTS
 from gateway.scene.draw.meshing import meshes_of
 from gateway.scene.tree.materials import faded
 from gateway.scene.tree.names import json_element
 from gateway.scene.tree.nodes import Node
-from gateway.scene.tree.transforms import IDENTITY, Y_UP_TO_Z_UP
+from gateway.scene.tree.transforms import IDENTITY, Y_UP_TO_Z_UP, Matrix
 from renderers.camera import OPENGL_FROM_OPTICAL, Camera
-from renderers.drawlist import Material, Mesh, Topology
+from renderers.drawlist import Light, LightKind, Material, Mesh, Topology
 from renderers.stop import check_stop
 
 GENERATOR: Final = "Scenegate"
@@ -91,8 +92,10 @@ class GlbWriter:
         json_parent.setdefault("children", []).append(node)
 
     def _add_geometry(self, node: Node, json_node: dict[str, Any], opacity: float) -> None:
-        """Add a node's meshes. ``json_node`` gets the first mesh without a transform, child nodes get the others."""
+        """Add a node's meshes and lights. ``json_node`` gets the first mesh without a transform, child nodes others."""
         for part in node.parts or ():
+            if isinstance(part.shape, Light) and is_writable(part.X_node_part):
+                self._add_light(part.shape, part.X_node_part, json_node)
             for mesh, material, X_part_mesh in meshes_of(part.shape, part.material):
                 with np.errstate(all="ignore"):
                     X = part.X_node_part @ X_part_mesh
@@ -110,6 +113,18 @@ class GlbWriter:
                 if not np.array_equal(X, IDENTITY):
                     child["matrix"] = column_major(X)
                 json_node.setdefault("children", []).append(self._document.add("nodes", child))
+
+    def _add_light(self, light: Light, X_node_light: Matrix, json_node: dict[str, Any]) -> None:
+        """Add a child with a light that shines along its -Z."""
+        item: dict[str, Any] = {"type": light.kind.value, "color": light.color, "intensity": light.intensity}
+        if light.range is not None:
+            item["range"] = light.range
+        if light.kind is LightKind.SPOT:
+            item["spot"] = {"innerConeAngle": light.inner_cone, "outerConeAngle": light.outer_cone}
+        self._document.extensions.add(LIGHTS)
+        child = {"extensions": {LIGHTS: {"light": len(self._document.lights)}}, "matrix": column_major(X_node_light)}
+        self._document.lights.append(item)
+        json_node.setdefault("children", []).append(self._document.add("nodes", child))
 
     def _mesh(self, mesh: Mesh, material: Material) -> int | None:
         """Return the index of a glTF mesh with one primitive; None if it draws nothing or is not finite."""

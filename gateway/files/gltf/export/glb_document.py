@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gateway.files.gltf.accessors import COMPONENT_COUNTS, COMPONENT_TYPES
+from gateway.files.gltf.lights import EXTENSION as LIGHTS
 from gateway.scene.tree.timeline import FileTooLargeError
 from gateway.scene.tree.transforms import Matrix
 
@@ -40,6 +41,8 @@ class GltfDocument:
         """Sentences about what the file does not have, for ``asset.extras``."""
         self.extensions: set[str] = set()
         """Names of the extensions in use."""
+        self.lights: list[dict[str, Any]] = []
+        """Lights of KHR_lights_punctual."""
 
     def add(self, array_name: str, item: dict[str, Any]) -> int:
         """Append ``item`` to an array of the document, such as ``meshes``, and return its index."""
@@ -97,6 +100,8 @@ class GltfDocument:
             document["asset"]["extras"] = {"warnings": self.warnings}
         if self.extensions:
             document["extensionsUsed"] = sorted(self.extensions)
+        if self.lights:
+            document["extensions"] = {LIGHTS: {"lights": self.lights}}
         if self._buffer_pieces:
             document["buffers"] = [{"byteLength": self._nbytes}]
         text = json.dumps(document, separators=(",", ":"), allow_nan=False).encode()
