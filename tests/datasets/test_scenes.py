@@ -101,6 +101,19 @@ def test_meshes_of_tree_viewer_requests_are_beside_them(tmp_path: Path, scenes: 
     assert instance.X_world_mesh.diagonal().tolist() == [2.0, 3.0, 4.0, 1.0]
 
 
+def test_lights_of_meshes_of_a_tree_shine_and_are_described(tmp_path: Path) -> None:
+    light = {"KHR_lights_punctual": {"lights": [{"type": "point", "intensity": 3}]}}
+    nodes = [{"translation": [1, 2, 3], "extensions": {"KHR_lights_punctual": {"light": 0}}}]
+    (tmp_path / "lamp.gltf").write_text(json.dumps(forms.gltf(generator="other", nodes=nodes, extensions=light)))
+    geometry = {"type": "mesh_file", "filename": "lamp.gltf"}
+    path = tmp_path / "a.json"
+    path.write_text(json.dumps({"setgeometry": [{"path": ["lamp"], "geometry": geometry}]}))
+    scene = loaded(path)
+    assert [light.position for light in scene.draw_list.lights] == [(1, -3, 2)]
+    assert [(light.kind, light.intensity) for light in scene.description.lights] == [("point", 3)]
+    assert (scene.objects, scene.description.warnings) == ((), ())
+
+
 def test_recorded_requests_are_read_without_their_scene(tmp_path: Path) -> None:
     path = tmp_path / "a.multipart"
     path.write_bytes(forms.body(forms.gltf(), forms.drake_fields("depth")))

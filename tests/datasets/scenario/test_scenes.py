@@ -30,11 +30,13 @@ from gateway.datasets.worker import run_task
 from gateway.scene.draw.flatten import flatten
 from gateway.scene.draw.style import Style
 from gateway.scene.tree.transforms import translation
+from renderers.light_rig import STUDIO
 from renderers.raster import CpuRenderer
 from scenegate.datasets import manifest
 from tests.datasets.conftest import SETTINGS
 from tests.datasets.scenario.conftest import TABLE, Write
 from tests.files.robots.files import visual
+from tests.support import forms
 from tests.support.waiting import SECONDS
 
 DROP = TABLE + "placement = {physics = 'mujoco'}\n"
@@ -64,6 +66,18 @@ def parts(loaded: LoadedScene, group: str) -> Iterator[tuple[str, list[NDArray[n
     for name, child in node.children.items() if node is not None else ():
         instances = flatten(child).instances
         yield str(name), [i.mesh.positions @ i.X_world_mesh[:3, :3].T + i.X_world_mesh[:3, 3] for i in instances]
+
+
+def test_lights_of_models_are_not_used(write: Write) -> None:
+    path = write("models = [{path = 'lamp.gltf', count = 1}]\ncameras = [{kind = 'shell', count = 1}]\n")
+    light = {"KHR_lights_punctual": {"lights": [{"type": "point"}]}}
+    nodes = [{"mesh": 0, "extensions": {"KHR_lights_punctual": {"light": 0}}}]
+    lamp = forms.gltf(generator="other", nodes=nodes, extensions=light)
+    (path.parent / "lamp.gltf").write_text(json.dumps(lamp))
+    loaded = scene(path)
+    assert loaded.scenario is not None
+    assert len(loaded.draw_list.lights) == 1
+    assert loaded.scenario.scenery.rig.lights_of(loaded.draw_list) == STUDIO.lights
 
 
 def test_names_and_numbers_of_scenes(write: Write) -> None:
