@@ -93,7 +93,7 @@ class _BandRasterizer:
         return self.renderer.visibility(scene, camera, bands=self.bands, **bounds)
 
     def shade_samples(self, *arguments: Any, **selection: Any) -> None:
-        raise NotImplementedError
+        raise NotImplementedError("bands have one sample a pixel: seldom does all of an image need peeling")
 
     def parallel(self, units: int, work: Callable[[int], object]) -> None:
         self.renderer.parallel(len(self.bands), lambda k: work(int(self.bands[k])))

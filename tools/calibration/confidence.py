@@ -1,8 +1,9 @@
 """Fit ``renderers/stereo/depth/match_confidence.json``: ``python -m tools.calibration.confidence``.
 
-Matches images of the scenes of ``scenes`` and ``plain_scenes`` without and with realism, and compares
-the matches with the exact disparity. ``errors`` judges the result with other seeds, the demo and a real pair, which the
-fit never sees.
+Matches images of ``scenes`` and ``plain_scenes`` without and with realism, and compares the matches with the exact
+disparity. Most of the matches are of textures like photographs: with noise and plain surfaces alone, the confidences
+near edges of photographs are too low. ``errors`` and ``real_pair`` judge the result with images that the fit does not
+see.
 """
 
 from __future__ import annotations
@@ -29,14 +30,18 @@ from renderers.stereo.depth.matching import MIN_NOISE_SIGMA, find_matches
 from renderers.stereo.model import Quality
 from tools.calibration.plain_scenes import PLAIN_SCENES
 from tools.calibration.samples import Sample, samples
-from tools.calibration.scenes import SCENES
+from tools.calibration.scenes import LEAFY_SCENES, SCENES
 
-SEEDS: Final = {Quality.HIGH: range(100, 108), Quality.MEDIUM: range(100, 103)}
+SEEDS: Final = {Quality.MEDIUM: range(100, 103), Quality.HIGH: range(100, 108), Quality.FULL: range(100, 103)}
 """Seeds of the scenes. Of few, the trees learn in which of them a plain wall happened to be right."""
-PIXELS: Final = 1_000
+PIXELS: Final = 35
 """Maximum number of matches of an image that count."""
-WRONG_PIXELS: Final = 4
-"""Maximum number of matches of an image that count at a wrong disparity. Those of the matcher never contradict both
+LEAFY_SEEDS: Final = {Quality.HIGH: range(100, 104), Quality.FULL: range(100, 104)}
+"""Seeds of the scenes with textures like photographs."""
+LEAFY_PIXELS: Final = 1_000
+"""Maximum number of matches of an image of theirs that count."""
+RIGHT_PER_WRONG: Final = 250
+"""Number of matches of an image for each that counts at a wrong disparity. Those of the matcher never contradict both
 images in strong texture, so the fit would not learn what that means."""
 PRIOR: Final = 200.0
 """Weight of the mean error of all matches in a cell, pixels."""
@@ -77,21 +82,28 @@ class Tree:
         return self.weights[leaf]
 
 
-def collect(sample: Sample, matches: NDArray[np.uint16]) -> Iterator[Matches]:
+def collect(sample: Sample, matches: NDArray[np.uint16], pixels: int) -> Iterator[Matches]:
     """Yield matches of a sample that have texture and an exact disparity, and a few that are wrong on purpose.
 
     Args:
         sample: images and exact disparity.
         matches: (H, W) uint16, units of 1/16 pixel, 0: no match (``find_matches``).
+        pixels: maximum number of matches that count.
     """
     random = np.random.default_rng(0)
     shifted = np.where(matches > 0, matches + np.uint16(16 * random.integers(4, 24)), np.uint16(0))
-    for disparity, pixels in ((matches, PIXELS), (shifted, WRONG_PIXELS)):
-        features = match_features(sample.left, sample.right, disparity, max(sample.noise_sigma, MIN_NOISE_SIGMA))
+    for disparity, count in ((matches, pixels), (shifted, pixels // RIGHT_PER_WRONG)):
+        noise_sigma, divisor = max(sample.noise_sigma, MIN_NOISE_SIGMA), sample.settings.quality.divisor
+        features = match_features(sample.left, sample.right, disparity, noise_sigma, divisor)
         known = np.flatnonzero((with_texture(disparity, features) > 0) & (sample.exact > 0))
-        picked = random.choice(known, min(len(known), pixels), replace=False)
+        picked = random.choice(known, min(len(known), count), replace=False)
         deviation = np.abs(disparity / np.float32(16.0) - sample.exact).reshape(-1)[picked]
         yield Matches(features.reshape(len(FEATURES), -1)[:, picked], deviation)
+
+
+def matches_of(sample: Sample) -> NDArray[np.uint16]:
+    """Return the matches of a sample, as ``find_matches``."""
+    return find_matches(sample.left, sample.right, sample.disparity_count, sample.noise_sigma)
 
 
 def error_bins(features: NDArray[np.float32]) -> tuple[NDArray[np.intp], ...]:
@@ -195,11 +207,15 @@ def main() -> None:
     parser.parse_args()
     matches = [
         each
+        for scenes, seeds_of, pixels in (
+            ((*SCENES, *PLAIN_SCENES), SEEDS, PIXELS),
+            (LEAFY_SCENES, LEAFY_SEEDS, LEAFY_PIXELS),
+        )
         for realism in (False, True)
-        for quality, seeds in SEEDS.items()
+        for quality, seeds in seeds_of.items()
         for seed in seeds
-        for sample in samples(quality, seed, realism=realism, scenes=(*SCENES, *PLAIN_SCENES))
-        for each in collect(sample, find_matches(sample.left, sample.right, sample.disparity_count, sample.noise_sigma))
+        for sample in samples(quality, seed, realism=realism, scenes=scenes)
+        for each in collect(sample, matches_of(sample), pixels)
     ]
     FILE.write_text(text_of(*fit(matches)), encoding="utf-8")
 

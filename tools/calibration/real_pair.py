@@ -156,7 +156,7 @@ def main() -> None:
     )
     truth = np.nan_to_num(np.load(folder / "motorcycle_disp.npz")["arr_0"].astype(np.float32), posinf=0.0)
     grey = [np.multiply(cv2.cvtColor(each, cv2.COLOR_BGR2GRAY), FINE, dtype=np.uint16) for each in (left, right)]
-    images = match_pair(grey[0], grey[1], 96, MIN_NOISE_SIGMA)
+    images = match_pair(grey[0], grey[1], 96, MIN_NOISE_SIGMA, Quality.HIGH.divisor)
     report("the pair itself", truth, visible_in_both(truth), images)
     report_confidence(truth, images)
     for realism in ((), REALISM_PARTS):

@@ -119,7 +119,12 @@ def make_sample(name: str, imaging: Imaging, settings: StreamSettings, capture: 
         capture.out1_high,
         small_left,
         small_right,
-        pair.noise_sigma(imaging.config.noise_factor, settings.averaged_images, divisor),
+        pair.noise_sigma(
+            imaging.config.noise_factor,
+            settings.averaged_images,
+            divisor,
+            has_pattern=imaging.config.has_fixed_pattern,
+        ),
         np.asarray(np.where(np.isfinite(depth[0]), factor / depth[0], 0.0), np.float32),
         true_disparity(*depth, factor, limits),
         model.disparity_count(divisor, limits.min_depth, filters.maxdepth),

@@ -7,8 +7,10 @@ half a metre above the origin and looks along +x and down; z is up; walls close 
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import wraps
 from typing import Final
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -24,6 +26,10 @@ POSE: Final = look_at((-0.2, 0.0, 0.5), (1.7, 0.0, -0.25), (0.0, 0.0, 1.0))
 """X_world_left, (4, 4) float64."""
 Scene = Callable[[np.random.Generator], list[Part]]
 """Function of a random generator that returns the parts of a scene."""
+LEAVES: Final = 6_000
+"""Number of the ellipses of a texture."""
+Texturing = Callable[..., Material]
+"""``textured`` or ``leafy``."""
 _IMAGE_NUMBERS = iter(range(1 << 30))
 """Source of different names of images."""
 
@@ -52,6 +58,30 @@ def noise_image(random: np.random.Generator, contrast: float, finest: int = 1, s
     field *= contrast / field.std()
     tint = random.uniform(0.4, 0.75, 3)
     return image_of(tint + field[:, :, None])
+
+
+def leaves_image(random: np.random.Generator, contrast: float) -> Image:
+    """Return a tinted random texture of ellipses of all sizes that hide each other ("dead leaves").
+
+    As in photographs, it has edges, patches of one colour, and the same statistics in each scale. ``contrast`` is the
+    standard deviation of the sRGB values.
+    """
+    field: NDArray[np.floating] = np.zeros((512, 512))
+    smallest, largest = 2.0 ** random.uniform(0.5, 3.0), 170.0
+    for radius in random.uniform(largest**-2, smallest**-2, LEAVES) ** -0.5:
+        axes = int(radius) + 1, int(radius * random.uniform(0.4, 1.0)) + 1
+        centre, angle = random.integers(0, 512, 2).tolist(), random.uniform(0.0, 180.0)
+        cv2.ellipse(field, centre, axes, angle, 0.0, 360.0, random.normal(), cv2.FILLED)
+    grain = random.normal(size=field.shape) * random.uniform(0.02, 0.15)
+    field = cv2.GaussianBlur(field, (0, 0), random.uniform(0.5, 1.2)) + cv2.GaussianBlur(grain, (0, 0), 0.8)
+    tint = random.uniform(0.3, 0.7, 3)
+    return image_of(tint + (contrast / field.std() * field)[:, :, None])
+
+
+def leafy(random: np.random.Generator, contrast: float = 0.15) -> Material:
+    """Return a matte material with a random texture (``leaves_image``)."""
+    texture = Texture(leaves_image(random, contrast * random.uniform(0.6, 1.6)))
+    return Material(base_color_texture=texture, metallic=0.0, roughness=0.8, double_sided=True)
 
 
 def textured(random: np.random.Generator, contrast: float = 0.15, finest: int = 1) -> Material:
@@ -89,13 +119,13 @@ def room(back: Material, floor: Material, depth: float = 3.0) -> list[Part]:
     return walls
 
 
-def textured_table(random: np.random.Generator) -> list[Part]:
+def textured_table(random: np.random.Generator, texture: Texturing = textured) -> list[Part]:
     """Boxes on a floor, all textured."""
-    parts = room(textured(random), textured(random), 2.5)
+    parts = room(texture(random), texture(random), 2.5)
     for _ in range(6):
         side = random.uniform(0.15, 0.35, 3)
         x, y = random.uniform(1.1, 2.2), random.uniform(-0.6, 0.6)
-        parts.append(box(x, y, -0.7 + side[2] / 2, tuple(side), textured(random)))
+        parts.append(box(x, y, -0.7 + side[2] / 2, tuple(side), texture(random)))
     return parts
 
 
@@ -119,23 +149,23 @@ def mixed_room(random: np.random.Generator) -> list[Part]:
     return parts
 
 
-def clutter(random: np.random.Generator) -> list[Part]:
+def clutter(random: np.random.Generator, texture: Texturing = textured) -> list[Part]:
     """Many small boxes at all depths before a textured wall: edges everywhere."""
-    parts = room(textured(random), textured(random), 2.5)
+    parts = room(texture(random), texture(random), 2.5)
     for _ in range(60):
         side = random.uniform(0.04, 0.2, 3)
         x = random.uniform(0.9, 2.3)
         y, z = random.uniform(-0.5, 0.5, 2) * x * (1.1, 0.8)
-        parts.append(box(x, y, z, tuple(side), textured(random, random.uniform(0.05, 0.2))))
+        parts.append(box(x, y, z, tuple(side), texture(random, random.uniform(0.05, 0.2))))
     return parts
 
 
-def poles(random: np.random.Generator) -> list[Part]:
+def poles(random: np.random.Generator, texture: Texturing = textured) -> list[Part]:
     """Thin upright poles before a textured wall, which a matcher makes too wide."""
-    parts = room(textured(random), textured(random), 2.2)
+    parts = room(texture(random), texture(random), 2.2)
     for y in np.linspace(-0.7, 0.7, 8):
         x, width = random.uniform(0.9, 1.8), random.uniform(0.01, 0.08)
-        parts.append(box(x, y * x, 0.0, (width, width, 2.0), textured(random)))
+        parts.append(box(x, y * x, 0.0, (width, width, 2.0), texture(random)))
     return parts
 
 
@@ -171,14 +201,14 @@ def clear(random: np.random.Generator) -> list[Part]:
     return parts
 
 
-def steep(random: np.random.Generator) -> list[Part]:
+def steep(random: np.random.Generator, texture: Texturing = textured) -> list[Part]:
     """Textured planes at steep angles."""
-    parts = room(textured(random), textured(random), 3.0)
+    parts = room(texture(random), texture(random), 3.0)
     for y in (-0.9, -0.3, 0.3, 0.9):
         angle = random.uniform(0.5, 1.3) * (1.0 if y < 0 else -1.0)
         X = translation(1.7, y, 0.0)
         X[:2, :2] = ((np.cos(angle), -np.sin(angle)), (np.sin(angle), np.cos(angle)))
-        parts.append(Part(Surface(textured_box(0.02, 0.6, 1.2)), textured(random), X))
+        parts.append(Part(Surface(textured_box(0.02, 0.6, 1.2)), texture(random), X))
     return parts
 
 
@@ -209,6 +239,15 @@ SCENES: Final[tuple[Scene, ...]] = (
     textured_table, plain_room, mixed_room, clutter, poles, spheres, shiny, clear, steep, far, faint,
 )  # fmt: skip
 """Functions that return the parts of a scene."""
+
+
+def with_leaves(scene: Callable[[np.random.Generator, Texturing], list[Part]]) -> Scene:
+    """Return the scene with textures of ``leafy``."""
+    return wraps(scene)(lambda random: scene(random, leafy))
+
+
+LEAFY_SCENES: Final[tuple[Scene, ...]] = tuple(map(with_leaves, (textured_table, clutter, poles, steep)))
+"""Scenes with textures like photographs."""
 
 
 def make_scene(scene: Scene, seed: tuple[int, int]) -> DrawList:

@@ -328,7 +328,7 @@ def stereo_tiles(
         depths.append(rendered.depth)
     count, noise_sigma = model.disparity_count(divisor, 0.5), exposure.noise_sigma(128.0)
     fine_left, fine_right = (fine_means(image, 1, *image.shape) for image in images)
-    matched = match_pair(fine_left, fine_right, count, noise_sigma)
+    matched = match_pair(fine_left, fine_right, count, noise_sigma, divisor)
     ft = k.focal_length * model.baseline
     exact = true_disparity(depths[0], depths[1], ft, DepthRange(0.5, 100.0))
     if max_disparity is None:

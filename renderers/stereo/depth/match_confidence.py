@@ -51,6 +51,11 @@ MIN_TEXTURE: Final = {"texture": 1.0, "wide_texture": 2.0}
 """Minimum texture of matches. With less, noise, or a surface beside it, may have made the match:
 dots return too little light from there, or a mirror none.
 """
+_FULL_BLUR: Final = 3
+"""Side of the box over which images of the cameras' size are averaged before their texture is measured, pixels. Their
+pixels have twice the noise of those at ``High``, and half the gradients."""
+_FULL_BLUR_NOISE: Final = (2.0 / _FULL_BLUR**3) ** 0.5
+"""Noise of the gradient of such means, relative to that of the image's."""
 _SMALL_WINDOW, _WINDOW, _MEDIUM_WINDOW, _WIDE_WINDOW = 5, 9, 21, 41
 """Sides of the windows, pixels."""
 _NEARBY: Final = 7
@@ -102,7 +107,11 @@ def tables() -> Tables:
 
 
 def match_features(
-    left: NDArray[np.uint16], right: NDArray[np.uint16], disparity: NDArray[np.uint16], noise_sigma: float
+    left: NDArray[np.uint16],
+    right: NDArray[np.uint16],
+    disparity: NDArray[np.uint16],
+    noise_sigma: float,
+    divisor: int,
 ) -> NDArray[np.float32]:
     """Return the ``FEATURES`` of each pixel, (9, H, W) float32; undefined where there is no match.
 
@@ -111,10 +120,16 @@ def match_features(
         right: (H, W) uint16, likewise.
         disparity: (H, W) uint16, units of 1/16 pixel, 0: no match.
         noise_sigma: standard deviation of the image noise, grey levels, above 0.
+        divisor: width of the camera images divided by that of these images.
     """
+    texture, texture_sigma = left, noise_sigma
+    if divisor == 1:
+        texture = np.asarray(cv2.blur(left, (_FULL_BLUR, _FULL_BLUR)), np.uint16)
+        texture_sigma = noise_sigma * _FULL_BLUR_NOISE
     gradient, size = np.empty((2, *left.shape), np.int16)
     squared, even = np.empty((2, *left.shape), np.int32)
-    _gradients(left, int(min(_EVEN_LIMIT * (32.0 * noise_sigma) ** 2, _MAX_SQUARE)), gradient, size, squared, even)
+    even_limit = int(min(_EVEN_LIMIT * (32.0 * texture_sigma) ** 2, _MAX_SQUARE))
+    _gradients(texture, even_limit, gradient, size, squared, even)
     differences = np.empty((3, *left.shape), np.int32)
     _compare(without_local_mean(left), without_local_mean(right), disparity, differences)
     box = np.ones((_WINDOW, _WINDOW), np.uint8)
@@ -129,7 +144,7 @@ def match_features(
         _box_sum((disparity > 0).astype(np.uint8), _MEDIUM_WINDOW),
         _box_sum(differences[0], _WINDOW), _box_sum(differences[1], _WINDOW), _box_sum(differences[2], _WINDOW),
         _box_sum(gradient, _WINDOW), _box_sum(size, _WINDOW),
-        np.asarray(nearest, np.uint16), np.asarray(farthest, np.uint16), float(noise_sigma), features,
+        np.asarray(nearest, np.uint16), np.asarray(farthest, np.uint16), float(noise_sigma), texture_sigma, features,
     )  # fmt: skip
     return features
 
@@ -260,15 +275,19 @@ def _write_features(
     nearest: Array2[np.uint16],
     farthest: Array2[np.uint16],
     noise_sigma: F64,
+    texture_sigma: F64,
     features: Array3[np.float32],
 ) -> None:
-    """Write the ``FEATURES`` from sums over windows, (H, W) each, and the range of their disparities."""
+    """Write the ``FEATURES`` from sums over windows, (H, W) each, and the range of their disparities.
+
+    Gradients have the noise of an image with ``texture_sigma``.
+    """
     height, width = medium_counts.shape
-    sigma = f32(noise_sigma)
-    noise = f32(16 * _WINDOW) * sigma  # root of its sum of squares over a window, 1/16 level
+    # Roots of the sums of squares over a window, 1/16 level.
+    noise, texture_noise = f32(16 * _WINDOW) * f32(noise_sigma), f32(16 * _WINDOW) * f32(texture_sigma)
     window, medium_pixels = f32(2 * _WINDOW), f32(_MEDIUM_WINDOW**2)
     # Squared gradients, in squared units of 1/32 level, relative to the variance of the noise.
-    scale = f32(1.0 / (32.0 * noise_sigma) ** 2)
+    scale = f32(1.0 / (32.0 * texture_sigma) ** 2)
     small_scale, window_scale = scale / f32(_SMALL_WINDOW**2), scale / f32(_WINDOW**2)
     wide_scale = scale / f32(_WIDE_WINDOW**2)
     for row in range(height):
@@ -284,7 +303,7 @@ def _write_features(
             features[5, row, column] = (beside - difference) / (difference + noise)
             features[6, row, column] = f32(medium_counts[row, column]) / medium_pixels
             features[7, row, column] = f32(nearest[row, column] - farthest[row, column]) / f32(16.0)
-            features[8, row, column] = f32(abs(gradients[row, column])) / (size + f32(0.3) * window * noise)
+            features[8, row, column] = f32(abs(gradients[row, column])) / (size + f32(0.3) * window * texture_noise)
 
 
 @kernel

@@ -20,16 +20,18 @@ from renderers.stereo.depth.depth_images import DepthImages
 from renderers.stereo.depth.match_confidence import error_and_confidence, match_features, with_texture
 from renderers.stereo.depth.residual_shift import residual_shift, without_local_mean
 from renderers.stereo.model import DISPARITY_SCALE, StereoModel
-from renderers.stereo.sensor.camera_image import SensorImage
+from renderers.stereo.sensor.camera_image import SensorImage, fixed_pattern_variance
 from renderers.stereo.sensor.exposure import Exposure
 
 Level = TypeVar("Level", np.uint8, np.uint16)
 FINE: Final = 16
 """Units per grey level of fine images: means of blocks have fractions of a level."""
+ROUNDING_VARIANCE: Final = 1.0 / 12.0
+"""Variance of rounding to whole grey levels."""
 MIN_NOISE_SIGMA: Final = 0.3
-"""Minimum standard deviation of the image noise, grey levels: images without noise still have rounding errors."""
-WINDOW: Final = 5
-"""Side of the matching window, pixels."""
+"""Minimum standard deviation of the image noise, grey levels: what seems less may be a step of rendered colours."""
+WINDOW: Final = 3
+"""Side of the matching window, pixels. A larger one widens what is near."""
 REFINEMENT_RADIUS: Final = 4
 """Radius of the windows of the refinement, pixels."""
 REFINEMENTS: Final = 2
@@ -66,9 +68,14 @@ class ImagePair:
         left, right = (fine_means(image.image, divisor, k.height, k.width) for image in (self.left, self.right))
         return left, right
 
-    def noise_sigma(self, noise_factor: float, averaged_images: int, divisor: int) -> float:
-        """Return the standard deviation of the noise at mid grey in the ``reduced`` images, grey levels."""
-        return self.exposure.mid_grey_noise * noise_factor / math.sqrt(averaged_images * divisor**2)
+    def noise_sigma(self, noise_factor: float, averaged_images: int, divisor: int, *, has_pattern: bool) -> float:
+        """Return the standard deviation of the ``reduced`` images around those without noise, at mid grey, grey levels.
+
+        Besides noise, pixels have rounding errors and, with ``has_pattern``, the fixed pattern of the sensors.
+        """
+        noise = self.exposure.mid_grey_noise * noise_factor
+        pattern_variance = fixed_pattern_variance(self.exposure) if has_pattern else 0.0
+        return math.sqrt(noise**2 / averaged_images + pattern_variance + ROUNDING_VARIANCE) / divisor
 
 
 def block_means(image: NDArray[Level], side: int, rows: int, columns: int) -> NDArray[Level]:
@@ -114,6 +121,7 @@ def match_pair(
     right: NDArray[np.uint16],
     disparity_count: int,
     noise_sigma: float,
+    divisor: int,
     parallel: Parallel = in_turn,
 ) -> DepthImages:
     """Return depth images by matching a pair, the upper and the lower half of large images on their own.
@@ -122,7 +130,8 @@ def match_pair(
         left: (H, W) uint16, rectified: a point's row is the same in both images; units of 1/16 grey level.
         right: (H, W) uint16, likewise.
         disparity_count: number of disparities to search, one per pixel from 0.
-        noise_sigma: standard deviation of the image noise, grey levels.
+        noise_sigma: standard deviation of the image noise, grey levels, above 0.
+        divisor: width of the camera images divided by that of these images.
         parallel: matches both halves at a time.
     """
     height = len(left)
@@ -132,7 +141,7 @@ def match_pair(
     def match_band(band: int) -> None:
         begin, end = height * band // bands, height * (band + 1) // bands
         rows = slice(max(begin - BAND_MARGIN, 0), end + BAND_MARGIN)
-        matched = _match_rows(left[rows], right[rows], disparity_count, noise_sigma)
+        matched = _match_rows(left[rows], right[rows], disparity_count, noise_sigma, divisor)
         inside = slice(begin - rows.start, end - rows.start)
         images.disparity[begin:end] = matched.disparity[inside]
         images.error[begin:end] = matched.error[inside]
@@ -143,11 +152,11 @@ def match_pair(
 
 
 def _match_rows(
-    left: NDArray[np.uint16], right: NDArray[np.uint16], disparity_count: int, noise_sigma: float
+    left: NDArray[np.uint16], right: NDArray[np.uint16], disparity_count: int, noise_sigma: float, divisor: int
 ) -> DepthImages:
     """Return the depth images of the rows of a pair; arguments are those of ``match_pair``."""
     matches = find_matches(left, right, disparity_count, noise_sigma)
-    features = match_features(left, right, matches, max(noise_sigma, MIN_NOISE_SIGMA))
+    features = match_features(left, right, matches, max(noise_sigma, MIN_NOISE_SIGMA), divisor)
     disparity = with_texture(matches, features)
     return DepthImages(disparity, *error_and_confidence(features, disparity))
 
@@ -233,7 +242,7 @@ def _opencv_matches(left: NDArray[np.uint8], right: NDArray[np.uint8], disparity
         P1=8 * WINDOW * WINDOW,
         P2=32 * WINDOW * WINDOW,
         disp12MaxDiff=1,
-        preFilterCap=31,
+        preFilterCap=15,
         uniquenessRatio=5,
         speckleWindowSize=0,
         speckleRange=0,

@@ -1,4 +1,4 @@
-"""Means of square blocks of pixels."""
+"""Camera images at the resolution of depth images: means of square blocks of pixels, and their noise."""
 
 from __future__ import annotations
 
@@ -6,7 +6,10 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from renderers.stereo.depth.matching import block_means
+from renderers.stereo.depth.matching import FINE, ImagePair, block_means
+from renderers.stereo.model import StereoModel
+from renderers.stereo.sensor.camera_image import NoiseStream, fixed_pattern, frame_key, image_from_light
+from renderers.stereo.sensor.exposure import LIGHT_WHITE, Exposure
 
 
 def image(*shape: int) -> NDArray[np.uint8]:
@@ -38,3 +41,23 @@ def test_pixels_beyond_the_last_block_are_ignored() -> None:
 def test_blocks_of_one_pixel_are_the_image() -> None:
     pixels = image(4, 5, 3)
     np.testing.assert_array_equal(block_means(pixels, 1, rows=4, columns=5), pixels)
+
+
+@pytest.mark.parametrize("divisor", [1, 2, 4])
+@pytest.mark.parametrize("gain", [0.0, 12.0])
+@pytest.mark.parametrize("has_pattern", [False, True])
+def test_noise_is_what_images_of_even_light_have(*, has_pattern: bool, gain: float, divisor: int) -> None:
+    """Read and shot noise, rounding, and the fixed pattern, averaged over blocks."""
+    model, exposure = StereoModel("small", 256, 192, 0.8449, 0.160), Exposure(0.005, gain)
+    grey = np.linspace(124.0, 132.0, model.width) / 255.0  # so that not all pixels are rounded alike
+    row = (LIGHT_WHITE * (grey / exposure.light) ** 0.5).astype(np.uint16)
+    light = np.ascontiguousarray(np.broadcast_to(row[:, None], (model.height, model.width, 1)))
+    patterns = [fixed_pattern(3, right=right, height=model.height, width=model.width) for right in (False, True)]
+    left, right = (
+        image_from_light(light, exposure, frame_key(3, 0, stream), patterns[number] if has_pattern else None)
+        for number, stream in enumerate((NoiseStream.LEFT, NoiseStream.RIGHT))
+    )
+    pair = ImagePair(left, right, exposure)
+    expected = pair.noise_sigma(1.0, 1, divisor, has_pattern=has_pattern)
+    for levels in pair.reduced(model, divisor):
+        assert (levels - levels.mean(axis=0)).std() / FINE == pytest.approx(expected, rel=0.1)

@@ -29,7 +29,7 @@ def texture(contrast: float) -> NDArray[np.uint16]:
 def judged(left: NDArray[np.uint16], right: NDArray[np.uint16], disparity: int) -> tuple[float, float]:
     """Return the mean error, pixels, and the mean confidence of a constant disparity away from the image's edges."""
     matches = np.full(left.shape, disparity * 16, np.uint16)
-    error, confidence = error_and_confidence(match_features(left, right, matches, SIGMA), matches)
+    error, confidence = error_and_confidence(match_features(left, right, matches, SIGMA, 2), matches)
     inside = np.s_[24:-24, 36:-24]
     return float(error[inside].mean()) / 16, float(confidence[inside].mean()) / 255
 
@@ -58,7 +58,7 @@ def test_matches_of_faint_texture_are_less_confident_and_less_precise() -> None:
 def features_of(image: NDArray[np.uint16]) -> dict[str, NDArray[np.float32]]:
     """Return the features of right matches, by name."""
     matches = np.full(image.shape, SHIFT * 16, np.uint16)
-    return dict(zip(FEATURES, match_features(image, np.roll(image, -SHIFT, 1), matches, SIGMA), strict=True))
+    return dict(zip(FEATURES, match_features(image, np.roll(image, -SHIFT, 1), matches, SIGMA, 2), strict=True))
 
 
 def test_brightness_that_differs_between_the_cameras_is_no_disagreement() -> None:
@@ -95,7 +95,7 @@ def test_matches_without_texture_around_them_are_no_matches() -> None:
     half = texture(20.0)
     half[:, :60] = 128 * 16
     matches = np.full(half.shape, SHIFT * 16, np.uint16)
-    kept = with_texture(matches, match_features(half, np.roll(half, -SHIFT, 1), matches, SIGMA))
+    kept = with_texture(matches, match_features(half, np.roll(half, -SHIFT, 1), matches, SIGMA, 2))
     assert (kept[:, :36] == 0).all()
     assert (kept[:, 60:] == SHIFT * 16).all()
 
@@ -104,7 +104,7 @@ def test_pixels_without_a_match_have_neither() -> None:
     left = texture(20.0)
     matches = np.full(left.shape, SHIFT * 16, np.uint16)
     matches[10:20, 30:50] = 0
-    error, confidence = error_and_confidence(match_features(left, left, matches, SIGMA), matches)
+    error, confidence = error_and_confidence(match_features(left, left, matches, SIGMA, 2), matches)
     assert (error[matches == 0] == 0).all()
     assert (confidence[matches == 0] == 0).all()
     assert (error[matches > 0] > 0).all()
@@ -113,7 +113,7 @@ def test_pixels_without_a_match_have_neither() -> None:
 def test_disparities_beyond_the_image_are_compared_with_its_edge() -> None:
     left = texture(20.0)
     matches = np.full(left.shape, 65535, np.uint16)
-    assert np.isfinite(match_features(left, left, matches, SIGMA)).all()
+    assert np.isfinite(match_features(left, left, matches, SIGMA, 2)).all()
 
 
 def test_tables_fit_the_features() -> None:

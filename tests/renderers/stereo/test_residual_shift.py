@@ -34,7 +34,7 @@ def test_the_shift_of_a_textured_pair_is_found(shift: float, disparity: float) -
 def test_windows_without_texture_have_no_shift() -> None:
     grey = np.full((30, 80), 1600, np.uint16)
     disparity = np.full(grey.shape, 7.5, np.float32)
-    assert (residual_shift(grey, grey, disparity, 3, 0.0) == 0).all()
+    assert (residual_shift(grey, grey, disparity, 3, 0.3) == 0).all()
 
 
 def test_unknown_disparities_have_no_shift_and_do_not_count() -> None:

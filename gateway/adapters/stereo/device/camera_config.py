@@ -138,6 +138,11 @@ class StereoConfig:
         return self.image_noise if self.noise else 0.0
 
     @cached_property
+    def has_fixed_pattern(self) -> bool:
+        """True if the sensors have a fixed pattern."""
+        return "fixed-pattern" in self.realism and self.noise_factor > 0.0
+
+    @cached_property
     def full_dot_light(self) -> float:
         """Unit of the light of all projectors: ``dot_light``, or 1 if the camera's own dots add none."""
         return self.dot_light or 1.0

@@ -38,17 +38,18 @@ def matched_depth(
     disparity_count = model.disparity_count(divisor, nearest, filters.maxdepth)
     focal_times_baseline = model.focal_times_baseline(divisor)
 
-    noise = config.noise_factor, settings.averaged_images, divisor
-    noise_sigma, scaled = pair.noise_sigma(*noise), pair.reduced(model, divisor)
+    noise_sigma, scaled = _noise_sigma(pair, config, settings), pair.reduced(model, divisor)
     images = _match_region(*scaled, disparity_count, noise_sigma, settings, parallel)
     if not settings.double_shot:
         apply_filters(images, filters, focal_times_baseline, divisor)
         return images
     if dark_pair is not None:
         dark = dark_pair.reduced(model, divisor)
-        second_images = _match_region(*dark, disparity_count, dark_pair.noise_sigma(*noise), settings, parallel)
+        second_images = _match_region(
+            *dark, disparity_count, _noise_sigma(dark_pair, config, settings), settings, parallel
+        )
     else:
-        second_images = _match_half_resolution(*scaled, disparity_count, noise_sigma, parallel)
+        second_images = _match_half_resolution(*scaled, disparity_count, noise_sigma, 2 * divisor, parallel)
         if settings.depth_region is not None:
             settings.depth_region.clear_outside(second_images.disparity, divisor)
     for measured in (images, second_images):
@@ -60,6 +61,12 @@ def matched_depth(
     if filters.fills:
         fill_holes(images, filters.fill)
     return images
+
+
+def _noise_sigma(pair: ImagePair, config: StereoConfig, settings: StreamSettings) -> float:
+    """Return the standard deviation of the noise in the images that are matched, grey levels."""
+    noise = config.noise_factor, settings.averaged_images, settings.quality.divisor
+    return pair.noise_sigma(*noise, has_pattern=config.has_fixed_pattern)
 
 
 def _match_region(
@@ -76,7 +83,7 @@ def _match_region(
     """
     region = settings.depth_region
     if region is None:
-        return match_pair(left, right, disparity_count, noise_sigma, parallel)
+        return match_pair(left, right, disparity_count, noise_sigma, settings.quality.divisor, parallel)
     height, width = left.shape
     rows, columns = region.slices(settings.quality.divisor)
     full_size = DepthImages(np.zeros_like(left), np.zeros_like(left, np.uint8), np.zeros_like(left, np.uint8))
@@ -90,6 +97,7 @@ def _match_region(
         np.ascontiguousarray(right[search_window]),
         disparity_count,
         noise_sigma,
+        settings.quality.divisor,
         parallel,
     )
     region_columns = np.s_[:, columns.start - first_column :]
@@ -104,15 +112,16 @@ def _match_half_resolution(
     right: NDArray[np.uint16],
     disparity_count: int,
     noise_sigma: float,
+    divisor: int,
     parallel: Parallel,
 ) -> DepthImages:
     """Return depth images by matching at half the resolution, where a window covers four times the area of the scene.
 
-    Arguments and result have the full resolution.
+    Arguments and result have the full resolution, but ``divisor`` is that of the matched images.
     """
     height, width = left.shape
     half_left, half_right = (block_means(image, 2, -(-height // 2), -(-width // 2)) for image in (left, right))
-    half_images = match_pair(half_left, half_right, -(-disparity_count // 2), noise_sigma / 2, parallel)
+    half_images = match_pair(half_left, half_right, -(-disparity_count // 2), noise_sigma / 2, divisor, parallel)
 
     def enlarge(values: NDArray[np.uint8] | NDArray[np.uint16], factor: int) -> NDArray[np.uint16]:
         """Return the values times ``factor``, each repeated in 2 x 2 pixels."""

@@ -216,7 +216,7 @@ class Imaging:
         key = frame_key(config.seed, capture.frame_number, request.stream)
         k = config.model.intrinsics()
         pattern = None
-        if "fixed-pattern" in config.realism and config.noise_factor > 0.0:
+        if config.has_fixed_pattern:
             pattern = fixed_pattern(config.seed, right=right, height=k.height, width=k.width)
         noise_factor = config.noise_factor / request.averaged_images**0.5
         key_light = request.key_light or self.key_light(capture)

@@ -291,7 +291,7 @@ def test_matching_with_the_projector(quality: Quality) -> None:
         images.append(sensor_image(grey(160, z.shape), Exposure(), key, scene_light=SceneLight(dots, 2.0)).image)
     true = true_disparity(depths[0], depths[1], k.focal_length * MODEL.baseline, DepthRange(0.4, 100))
     left, right = (fine_means(image, 1, *image.shape) for image in images)
-    measured = match_pair(left, right, MODEL.disparity_count(quality.divisor, 0.1), 0.3)
+    measured = match_pair(left, right, MODEL.disparity_count(quality.divisor, 0.1), 0.3, quality.divisor)
     sure = (true > 0) & (measured.confidence >= 128)
     assert sure.sum() / (true > 0).sum() > 0.95
     error = np.abs(measured.disparity / 16 - true)
@@ -305,5 +305,5 @@ def test_matching_a_blank_wall_is_invalid() -> None:
     image = sensor_image(grey(120), Exposure(), KEY).image
     other = sensor_image(grey(120), Exposure(), frame_key(0, 0, NoiseStream.RIGHT)).image
     left, right = (fine_means(i, 1, *i.shape) for i in (image, other))
-    measured = match_pair(left, right, 64, 0.3)
+    measured = match_pair(left, right, 64, 0.3, 2)
     assert (measured.confidence >= 128).mean() < 0.2

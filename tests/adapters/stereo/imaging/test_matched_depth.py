@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from typing import Any
 
 import numpy as np
@@ -30,7 +29,7 @@ class FakeMatcher:
 
     def __init__(self, **results: tuple[int, int, int]) -> None:
         self.results = results
-        self.calls: list[tuple[tuple[int, ...], int, float]] = []
+        self.calls: list[tuple[tuple[int, ...], int, float, int]] = []
 
     def __call__(
         self,
@@ -38,10 +37,11 @@ class FakeMatcher:
         right: NDArray[np.uint16],
         disparity_count: int,
         noise_sigma: float,
+        divisor: int,
         parallel: Parallel,
     ) -> DepthImages:
         assert left.shape == right.shape
-        self.calls.append((left.shape, disparity_count, noise_sigma))
+        self.calls.append((left.shape, disparity_count, noise_sigma, divisor))
         name = f"call{len(self.calls)}"
         disparity, error, confidence = self.results.get(name, (0, 0, 0))
         return DepthImages(
@@ -78,12 +78,11 @@ def test_one_match_without_double_shot(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_the_matcher_gets_the_noise_of_the_images(
     averaged: int, noise: bool, image_noise: float, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Means of 2 x 2 pixels have half the noise of a pixel."""
     matcher = FakeMatcher()
-    static = settings(static_scene=averaged > 1)
-    match(monkeypatch, matcher, pair(6.0), static, None, noise=noise, image_noise=image_noise)
-    expected = Exposure(0.005, 6.0).noise_sigma(128.0) * (image_noise if noise else 0.0) / math.sqrt(averaged) / 2
-    assert matcher.calls[0][2] == pytest.approx(expected)
+    static, has_pattern = settings(static_scene=averaged > 1), frozenset({"fixed-pattern"})
+    match(monkeypatch, matcher, pair(6.0), static, None, noise=noise, image_noise=image_noise, realism=has_pattern)
+    expected = pair(6.0).noise_sigma(image_noise if noise else 0.0, averaged, 2, has_pattern=noise)
+    assert matcher.calls[0][2:] == (expected, 2)
 
 
 def test_holes_are_filled_from_half_the_resolution(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -91,9 +90,9 @@ def test_holes_are_filled_from_half_the_resolution(monkeypatch: pytest.MonkeyPat
     for error, doubled in ((3, 6), (127, 254), (128, 255), (255, 255)):
         matcher = FakeMatcher(call2=(40, error, 200))
         images = match(monkeypatch, matcher, pair(), settings(double_shot=True), None)
-        (whole, count, sigma), (half, half_count, half_sigma) = matcher.calls
+        (whole, count, sigma, divisor), (half, half_count, half_sigma, half_divisor) = matcher.calls
         assert (whole, half) == ((HEIGHT, WIDTH), (25, 32))
-        assert (half_count, half_sigma) == (-(-count // 2), sigma / 2)
+        assert (half_count, half_sigma, half_divisor) == (-(-count // 2), sigma / 2, 2 * divisor)
         assert images.disparity.shape == images.error.shape == images.confidence.shape == (HEIGHT, WIDTH)
         assert (images.disparity == 80).all()
         assert (images.error == doubled).all()
@@ -104,7 +103,7 @@ def test_holes_are_filled_from_the_dark_images(monkeypatch: pytest.MonkeyPatch) 
     matcher = FakeMatcher(call2=(80, 3, 200))
     images = match(monkeypatch, matcher, pair(0.0), settings(double_shot=True), pair(12.0))
     assert [call[0] for call in matcher.calls] == [(HEIGHT, WIDTH)] * 2
-    assert matcher.calls[1][2] == pytest.approx(Exposure(0.005, 12.0).noise_sigma(128.0) / 2)
+    assert matcher.calls[1][2] == pair(12.0).noise_sigma(1.0, 1, 2, has_pattern=False)
     assert (images.disparity == 80).all()
 
 
@@ -134,5 +133,5 @@ def test_only_the_depth_region_is_measured(
 def test_the_region_is_searched_to_the_left_as_far_as_disparities_reach(monkeypatch: pytest.MonkeyPatch) -> None:
     matcher = FakeMatcher()
     match(monkeypatch, matcher, pair(), settings(roi_offset_x=20, roi_offset_y=10, roi_width=60, roi_height=40), None)
-    ((shape, count, _),) = matcher.calls
+    ((shape, count, *_),) = matcher.calls
     assert shape == (20, 30 + min(10, count))
