@@ -33,6 +33,7 @@ class Output(Flag):
     LAMP_SHARE = auto()
     KEY_FACTOR = auto()
     LIGHT = auto()
+    ROOTS = auto()
 
 
 @dataclass(frozen=True, slots=True)
@@ -91,6 +92,10 @@ class Frame:
     lines and on the background. Needs a colour image with one sample per pixel."""
     light: NDArray[np.float32] | None = None
     """(H, W + 8) float32, all light of ``CameraLight`` but ``key`` on the surfaces, otherwise as ``key_factor``."""
+    roots: NDArray[np.uint32] | None = None
+    """(H, W + 8) uint32, the colour image in finer steps, for a sensor: square roots of linear light, red and green in
+    11 bits each, from the lowest one on, and blue in 10; all bits set: white. In place of ``color``, with one sample
+    per pixel, not in the look ``studio``."""
 
 
 class Renderer(Protocol):

@@ -77,9 +77,14 @@ class _Call:
     addresses: tuple[int, ...]
     """Of the frame's images, in the order of ``_OUTPUTS``; 0: not wanted."""
 
+    @property
+    def color(self) -> NDArray[Any] | None:
+        """The colour image, in bytes or roots."""
+        return self.frame.color if self.frame.roots is None else self.frame.roots
+
     def without_color(self) -> _Call:
         """Return the call for the geometry outputs."""
-        return replace(self, frame=replace(self.frame, color=None), addresses=(0, *self.addresses[1:]))
+        return replace(self, frame=replace(self.frame, color=None, roots=None), addresses=(0, *self.addresses[1:]))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -148,6 +153,11 @@ class CpuRenderer:
         for output, name in ((Output.KEY_FACTOR, "key_factor"), (Output.LIGHT, "light")):
             if output in outputs:
                 setattr(frame, name, np.ones((camera.height, camera.width + LANES), np.float32))
+        if Output.ROOTS in outputs:
+            if Output.COLOR in outputs or look.name == "studio" or look.samples != 1:
+                raise ValueError("roots take the place of colour, with one sample a pixel, not in the look studio")
+            frame.roots, address = aligned((camera.height, camera.width + LANES), np.uint32)
+            addresses = (address, *addresses[1:])
         self._draw(_Call(scene, prepared, camera, look, frame, addresses))
         if frame.depth is not None and camera.depth_origin != 0.0:
             np.subtract(frame.depth, np.float32(camera.depth_origin), out=frame.depth)
@@ -217,21 +227,21 @@ class CpuRenderer:
         """Fill all outputs. Bands that see-through instances touch are drawn in layers, all others at once."""
         see_through = self._see_through(call)
         rasterizer: Rasterizer = self
-        if (call.frame.color is None or call.look.samples == 1) and see_through.any():
+        if (call.color is None or call.look.samples == 1) and see_through.any():
             bands = self._touched_bands(call, see_through)
             if 2 * len(bands) <= band_count(call.camera.height):
                 self._draw_at_once(call, ~see_through)
                 if not len(bands):
                     return
                 rasterizer = _BandRasterizer(self, bands)
-        if call.frame.color is None:
+        if call.color is None:
             self._draw_geometry(call, rasterizer)
         else:
-            self._draw_color(call, call.frame.color, rasterizer)
+            self._draw_color(call, call.color, rasterizer)
 
     def _see_through(self, call: _Call) -> NDArray[np.bool_]:
         """Return the instances that are not opaque in all outputs, (I,) bool; none in colour images of ``studio``."""
-        if call.frame.color is None:
+        if call.color is None:
             return _cut_outs(call)
         if call.look.name == "studio":
             return np.zeros(call.prepared.instances.counts[0], np.bool_)
@@ -262,7 +272,7 @@ class CpuRenderer:
         job = FrameJob(call.prepared, camera, self._threads.threads, outputs=call.addresses[1:], has_layer=True)
         rasterizer.parallel(band_count(camera.height), job.resolver(visible))
 
-    def _draw_color(self, call: _Call, color: NDArray[np.uint8], rasterizer: Rasterizer) -> None:
+    def _draw_color(self, call: _Call, color: NDArray[Any], rasterizer: Rasterizer) -> None:
         """Fill all outputs, colour included; translucent scenes and the studio look take several rasterizations."""
         scene, camera, look = call.scene, call.camera, call.look
         shading = _shading(scene, call.prepared, look.name, self.parallel)
@@ -288,7 +298,7 @@ class CpuRenderer:
             select: as in ``visibility``.
         """
         prepared, camera, look, threads = call.prepared, call.camera, call.look, self._threads.threads
-        has_color, outputs, samples = call.frame.color is not None, call.addresses[1:], 1
+        has_color, outputs, samples = call.color is not None, call.addresses[1:], 1
         if has_color and look.samples != 1:
             if any(outputs):
                 self._draw_at_once(call.without_color(), select)

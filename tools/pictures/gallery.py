@@ -250,7 +250,7 @@ class Gallery:
     def outputs(self) -> Picture:
         """Colour, depth, labels and normals of one call."""
         view = camera("eye=2.75,-2.75,2.1;target=0.05,-0.05,0.56;fovy=37", WIDTH // 2, HEIGHT // 2, self._demo)
-        wanted = Output.COLOR | Output.DEPTH | Output.LABEL | Output.NORMAL
+        wanted = Output.ROOTS | Output.DEPTH | Output.LABEL | Output.NORMAL
         frame = self._renderer.render(self._demo, view, wanted, Look("studio", PAPER, 8))
         assert frame.color is not None
         assert frame.depth is not None
@@ -312,18 +312,18 @@ def stereo_tiles(
     model, divisor = read_profile("rc_visard_160c").model, 2
     k = model.intrinsics(divisor)
     exposure, depths, images = Exposure(), [], []
-    wanted = Output.COLOR | Output.DEPTH
+    wanted = Output.ROOTS | Output.DEPTH
     middle = model.camera(pose, offset=model.baseline / 2, divisor=divisor, near=0.05, far=100.0)
     seen = renderer.render(drawn, middle, Output.DEPTH)
     assert seen.depth is not None
     for stream, offset in ((NoiseStream.LEFT, 0.0), (NoiseStream.RIGHT, model.baseline)):
         view = model.camera(pose, offset=offset, divisor=divisor, near=0.05, far=100.0)
         rendered = renderer.render(drawn, view, wanted, Look("pbr"))
-        assert rendered.color is not None
+        assert rendered.roots is not None
         assert rendered.depth is not None
         dots = projected_dots(rendered.depth, k.focal_length, k.cx, k.cy, offset - model.baseline / 2, seen.depth)
         key = frame_key(1, frame, stream)
-        light = light_on_sensor(rendered.color, k, exposure, SceneLight(dots, 1.5), color=False)
+        light = light_on_sensor(rendered.roots, k, exposure, SceneLight(dots, 1.5), color=False)
         images.append(image_from_light(light, exposure, key).image)
         depths.append(rendered.depth)
     count, noise_sigma = model.disparity_count(divisor, 0.5), exposure.noise_sigma(128.0)

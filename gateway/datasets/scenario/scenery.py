@@ -25,6 +25,7 @@ from renderers.stereo.sensor.camera_image import (
     frame_key,
     image_from_light,
     light_on_sensor,
+    roots_of,
 )
 from renderers.stereo.sensor.exposure import DISPLAY_GAMMA, REFERENCE_EXPOSURE, Exposure
 
@@ -70,7 +71,7 @@ class Scenery:
         gain = 10.0 ** (sensor.gain / 20.0)
         exposure = Exposure(REFERENCE_EXPOSURE * sensor.exposure / gain, sensor.gain, 1.0 / DISPLAY_GAMMA)
         lens = Lens(sensor.blur, sensor.vignetting)
-        light = light_on_sensor(np.ascontiguousarray(color), intrinsics, exposure, SceneLight(), lens, color=True)
+        light = light_on_sensor(roots_of(color), intrinsics, exposure, SceneLight(), lens, color=True)
         view = self.frame << 32 | zlib.crc32(camera.X_world_camera.tobytes())
         noise_key = frame_key(self.seed, view, NoiseStream.COLOR_CAMERA)
         return image_from_light(light, exposure, noise_key).image

@@ -246,6 +246,7 @@ def _fill_entry_job(
     entry_job.color, entry_job.columns = band.entry_colors, address(band.entry_columns)
     entry_job.counts = band.counts
     entry_job.has_camera_light, entry_job.camera_light = job.has_camera_light, job.camera_light
+    entry_job.has_roots = 0
     entry_job.lamp_share, entry_job.key_factor, entry_job.light = job.lamp_share, job.key_factor, job.light
 
 

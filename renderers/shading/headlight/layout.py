@@ -26,6 +26,7 @@ class HeadlightInputs(Struct):
     background: I64  # RGB, red in the lowest byte
     first_row: I64  # row of the image that ``color``, ``columns`` and ``counts`` begin with
     color: Pointer[U8]  # (rows, width, 3)
+    has_roots: I64  # 1: ``color`` is (rows, width + 8) uint32, see Frame.roots
     gathered: Pointer[F32]  # (4, height, width + 8), see output_merge
     gamma_cells: Pointer[I32]  # gamma.GAMMA_CELLS
     gamma_from_linear: Pointer[F32]  # gamma.GAMMA_FROM_LINEAR

@@ -199,7 +199,9 @@ def is_uniform_lambert(job: HeadlightInputs, context: ShadingContext) -> bool:
 
 
 @device_function
-def fill_spans(context: ShadingContext, span: I64, part_end_span: I64, packed_row: Pointer[I32]) -> None:
+def fill_spans(
+    job: HeadlightInputs, context: ShadingContext, span: I64, part_end_span: I64, packed_row: Pointer[I32]
+) -> None:
     """Write the spans ``span .. part_end_span``, each of one colour.
 
     The segment is ``is_uniform_lambert`` and has constant normals along each span, as walls, floors and meshes without
@@ -210,7 +212,7 @@ def fill_spans(context: ShadingContext, span: I64, part_end_span: I64, packed_ro
     colors = _colors()
     for first in range(span, part_end_span, vec.LANES):
         r, g, b = times(base_color, _headlight_cosine(load3(normals, first - span, SPAN_STRIDE)))
-        vec.store(colors, 0, packed(r, g, b))
+        vec.store(colors, 0, packed(job, r, g, b))
         for k in range(min(part_end_span - first, vec.LANES)):
             color = vec.i32(i64(colors[k]))
             for x in range(span_starts[first + k], span_starts[first + k + 1], vec.LANES):

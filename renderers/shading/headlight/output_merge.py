@@ -12,7 +12,7 @@ from renderers.compiler.device_function import device_function, inlined
 from renderers.compiler.kernel_types import F32, I32, I64, Pointer, f32
 from renderers.compiler.pointers import advance
 from renderers.compiler.simd import F32x8, I32x8
-from renderers.shading.gamma import byte_from_unit, encode_gamma
+from renderers.shading.gamma import byte_from_unit, decode_gamma, encode_gamma
 from renderers.shading.headlight.layout import DIRECT, UNDER, HeadlightInputs
 from renderers.shading.layout import STRIDE, ShadingContext
 from renderers.shading.level_cells import encoded_pixels
@@ -21,9 +21,24 @@ from renderers.shading.vec3 import load3, saturate
 
 
 @inlined
-def packed(r: F32x8, g: F32x8, b: F32x8) -> I32x8:
-    """Return eight colours in 0 .. 1 as packed pixels, red in the lowest byte."""
+def packed(job: HeadlightInputs, r: F32x8, g: F32x8, b: F32x8) -> I32x8:
+    """Return eight encoded colours, 0 .. 1, as packed pixels, red in the lowest byte; with ``has_roots``, as roots."""
+    if job.has_roots != 0:
+        table = job.shading.linear_from_gamma
+        return _roots(decode_gamma(r, table), decode_gamma(g, table), decode_gamma(b, table))
     return byte_from_unit(r) | (byte_from_unit(g) << vec.i32(8)) | (byte_from_unit(b) << vec.i32(16))
+
+
+@inlined
+def _root(c: F32x8, steps: float) -> I32x8:
+    """Return the square root of linear light, rounded to one of ``steps`` + 1 values."""
+    return vec.to_i32(vec.sqrt(saturate(c)) * vec.f32(steps) + vec.f32(0.5))
+
+
+@inlined
+def _roots(r: F32x8, g: F32x8, b: F32x8) -> I32x8:
+    """Return eight linear colours as in Frame.roots."""
+    return _root(r, 2047.0) | (_root(g, 2047.0) << vec.i32(11)) | (_root(b, 1023.0) << vec.i32(22))
 
 
 @inlined
@@ -31,10 +46,12 @@ def write_pixels(
     job: HeadlightInputs, gamma: bool, packed_row: Pointer[I32], x: I64, r: F32x8, g: F32x8, b: F32x8
 ) -> None:
     """Store eight shaded pixels, linear (``gamma``: they are encoded) or as stored, in a packed row from pixel x on."""
-    if gamma:
+    if gamma and job.has_roots != 0:
+        vec.store(packed_row, x, _roots(r, g, b))
+    elif gamma:
         vec.store(packed_row, x, encoded_pixels(r, g, b, job.gamma_cells))
     else:
-        vec.store(packed_row, x, packed(r, g, b))
+        vec.store(packed_row, x, packed(job, r, g, b))
 
 
 @inlined
@@ -81,10 +98,13 @@ def gather(job: HeadlightInputs, context: ShadingContext, begin: I64, end: I64) 
 
 
 @inlined
-def _beneath(gathered: Pointer[F32], channel_size: I64, x: I64, r: F32x8, g: F32x8, b: F32x8) -> I32x8:
+def _beneath(
+    job: HeadlightInputs, gathered: Pointer[F32], channel_size: I64, x: I64, r: F32x8, g: F32x8, b: F32x8
+) -> I32x8:
     """Return packed pixels of colours, blended behind the gathered layers."""
     transmittance = vec.load(gathered, 3 * channel_size + x)
     return packed(
+        job,
         vec.load(gathered, x) + transmittance * r,
         vec.load(gathered, channel_size + x) + transmittance * g,
         vec.load(gathered, 2 * channel_size + x) + transmittance * b,
@@ -99,7 +119,7 @@ def write_under(job: HeadlightInputs, context: ShadingContext, begin: I64, end: 
     for x in range(begin, end, vec.LANES):
         r, g, b = load3(pixels.base_color, x - begin, STRIDE)
         r, g, b = _encoded(job, gamma, r), _encoded(job, gamma, g), _encoded(job, gamma, b)
-        vec.store(packed_row, x, _beneath(gathered, channel_size, x, r, g, b))
+        vec.store(packed_row, x, _beneath(job, gathered, channel_size, x, r, g, b))
 
 
 @inlined
@@ -112,16 +132,16 @@ def _background_channel(background: I64, k: I64) -> F32x8:
 def write_background(job: HeadlightInputs, y: I64, begin: I64, end: I64, packed_row: Pointer[I32]) -> None:
     """Write the background to the pixels ``begin .. end``, blended behind the gathered layers if there are any."""
     background = job.background
+    r, g, b = (
+        _background_channel(background, 0),
+        _background_channel(background, 1),
+        _background_channel(background, 2),
+    )
     if job.mode == DIRECT:
-        color = vec.i32(background)
+        color = packed(job, r, g, b)
         for x in range(begin, end, vec.LANES):
             vec.store(packed_row, x, color)
     elif job.mode == UNDER:
         gathered, channel_size = _gathered_row(job, y)
-        r, g, b = (
-            _background_channel(background, 0),
-            _background_channel(background, 1),
-            _background_channel(background, 2),
-        )
         for x in range(begin, end, vec.LANES):
-            vec.store(packed_row, x, _beneath(gathered, channel_size, x, r, g, b))
+            vec.store(packed_row, x, _beneath(job, gathered, channel_size, x, r, g, b))

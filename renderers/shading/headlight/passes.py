@@ -32,7 +32,7 @@ def paint(
     shading: ShadingScene,
     camera: Camera,
     look: Look,
-    color: NDArray[np.uint8],
+    color: NDArray[np.uint8] | NDArray[np.uint32],
     frame: Frame = _NO_IMAGES,
 ) -> None:
     """Render the colour image.
@@ -44,7 +44,7 @@ def paint(
     Args:
         rasterizer: renders visibility buffers, and runs bands in parallel.
         scene: the draw list that ``shading`` was prepared from, with ``look.name``.
-        color: (H, W, 3) uint8, C-contiguous; every pixel is written.
+        color: (H, W, 3) uint8, C-contiguous, or ``frame.roots``; every pixel is written.
         frame: its ``lamp_share``, ``key_factor`` and ``light`` are filled, of the opaque surfaces.
     """
     cull_back, transparent, blended = shading.cull_back, shading.transparent, shading.blended_in_place
@@ -106,7 +106,7 @@ class HeadlightJob:
         Args:
             first_ids, X_camera_mesh: addresses of the arrays of these names in ``Visibility``.
             stride: number of values from one row of primitive ids to the next.
-            color: address of the image, (H, W, 3) uint8.
+            color: address of the image, (H, W, 3) uint8, or of ``frame.roots``.
             mode, gathered: as in HeadlightInputs.
             frame: as in ``paint``.
         """
@@ -127,6 +127,7 @@ class HeadlightJob:
             stride=stride,
             background=red | green << 8 | blue << 16,
             color=color,
+            has_roots=frame.roots is not None,
             gathered=gathered,
             gamma_cells=_GAMMA_TABLES[0],
             gamma_from_linear=_GAMMA_TABLES[1],
@@ -149,7 +150,7 @@ def _shade(
     look: Look,
     mode: int,
     gathered: NDArray[np.float32] | None,
-    color: NDArray[np.uint8] | None,
+    color: NDArray[np.uint8] | NDArray[np.uint32] | None,
     frame: Frame = _NO_IMAGES,
 ) -> None:
     """Shade all bands of a layer."""
@@ -160,7 +161,7 @@ def _shade(
         first_ids=address_of(visible.first_ids, np.int64),
         X_camera_mesh=address_of(visible.X_camera_mesh, np.float64),
         stride=camera.width,
-        color=address_of(color, np.uint8),
+        color=0 if color is None else address_of(color, color.dtype),
         mode=mode,
         gathered=address_of(gathered, np.float32),
         frame=frame,

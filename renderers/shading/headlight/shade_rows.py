@@ -31,7 +31,7 @@ def _shade_segment(
         part_end, part_end_span = next_part(context, span, begin, end)
         has_constant_normals = set_up_spans(context, span, part_end_span, end_span)
         if has_constant_normals and is_uniform:
-            fill_spans(context, span, part_end_span, packed_row)
+            fill_spans(job, context, span, part_end_span, packed_row)
         else:
             interpolate(context, begin, part_end)
             shade(job, context, begin, part_end, packed_row)
@@ -61,13 +61,18 @@ def shade_rows(job_address: Address, ids_address: Address, row_begin: I64, row_e
             are HeadlightInputs' ``stride`` values apart.
     """
     job = HeadlightInputs(job_address)
-    packed_row = i32_at(allocate(4 * (job.width + vec.LANES)))  # stores overrun it by up to seven pixels
+    row_pixels = job.width + vec.LANES  # stores overrun a row by up to seven pixels
+    own_row = i32_at(allocate(4 * row_pixels))
     context = ShadingContext()
     begin_rows(context, job.shading, job.width, Spans(), ShadedPixels())
     span_starts, instance_index = context.span_starts, i64(0)
     for y in range(row_begin, row_end):
         id_count, columns = _ids_of_row(job, y)
         ids = advance(i32_at(ids_address), (y - row_begin) * job.stride)
+        image_row = y - job.first_row
+        packed_row = own_row
+        if job.has_roots != 0 and job.mode != GATHER:
+            packed_row = i32_at(address(job.color) + 4 * image_row * row_pixels)
         span_count = find_spans(context, y, columns, ids, id_count)
         span = i64(0)
         while span < span_count:
@@ -77,7 +82,7 @@ def shade_rows(job_address: Address, ids_address: Address, row_begin: I64, row_e
             else:
                 _shade_segment(job, context, span, end_span, packed_row)
             span = end_span
-        if job.mode != GATHER:
-            write_packed_row(advance(job.color, 3 * (y - job.first_row) * job.width), packed_row, id_count)
+        if job.mode != GATHER and job.has_roots == 0:
+            write_packed_row(advance(job.color, 3 * image_row * job.width), packed_row, id_count)
     end_rows(context)
-    release(address(packed_row))
+    release(address(own_row))

@@ -29,7 +29,7 @@ FINE: Final = 16
 ROUNDING_VARIANCE: Final = 1.0 / 12.0
 """Variance of rounding to whole grey levels."""
 MIN_NOISE_SIGMA: Final = 0.3
-"""Minimum standard deviation of the image noise, grey levels: what seems less may be a step of rendered colours."""
+"""Minimum standard deviation of the image noise, grey levels: most matches of fainter texture are wrong."""
 WINDOW: Final = 3
 """Side of the matching window, pixels. A larger one widens what is near."""
 REFINEMENT_RADIUS: Final = 4

@@ -3,14 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from functools import cache
 from typing import Final
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
-
-from renderers.stereo.sensor.exposure import DISPLAY_GAMMA
 
 _ROTATION_TOLERANCE: Final = 1e-6
 """Maximum element of R R^T - I for which a matrix R counts as a rotation."""
@@ -44,30 +40,19 @@ def poses_at(X_world_before: NDArray[np.float64], X_world_now: NDArray[np.float6
     return result
 
 
-def write_mean_light(image: NDArray[np.uint8], column: int, row: int, others: Sequence[NDArray[np.uint8]]) -> None:
+def write_mean_light(image: NDArray[np.uint32], column: int, row: int, others: Sequence[NDArray[np.uint32]]) -> None:
     """Replace a rectangle of an image by the mean light of this and other images of the rectangle.
 
     Args:
-        image: (H, W, 3) uint8, C-contiguous.
+        image: (H, W) uint32, as ``Frame.roots``.
         column: left column of the rectangle.
         row: upper row of the rectangle.
-        others: (h, w, 3) uint8 each, C-contiguous: other images of the rectangle; at least one, at most 64.
+        others: (h, w) uint32 each, likewise: other images of the rectangle; at least one.
     """
-    light_of_level, level_of_light = _light_tables()
-    height, width = others[0].shape[:2]
-    part, count = image[row : row + height, column : column + width], len(others) + 1
-    sums = cv2.LUT(part, light_of_level)
-    for other in others:
-        cv2.add(sums, cv2.LUT(other, light_of_level), dst=sums)
-    part[:] = level_of_light[(sums + count // 2) // count]
-
-
-@cache
-def _light_tables() -> tuple[NDArray[np.int32], NDArray[np.uint8]]:
-    """Return the light of each level, (256,) int32, and the level of each light, (65536,) uint8; 65535 is white."""
-    light = np.rint(65535.0 * (np.arange(256) / 255.0) ** DISPLAY_GAMMA).astype(np.int32)
-    borders = 65535.0 * ((np.arange(1, 256) - 0.5) / 255.0) ** DISPLAY_GAMMA
-    levels = np.searchsorted(borders, np.arange(65536), side="right").astype(np.uint8)
-    levels[light] = np.arange(256)  # levels 0 and 1 both have the light 0 in 16 bits
-    levels[0] = 0
-    return light, levels
+    height, width = others[0].shape
+    part = image[row : row + height, column : column + width]
+    mean = np.zeros_like(part)
+    for shift, mask in ((0, 2047), (11, 2047), (22, 1023)):
+        squares = sum(np.square((each >> shift & mask).astype(np.float32)) for each in (part, *others))
+        mean |= np.rint(np.sqrt(squares / np.float32(len(others) + 1))).astype(np.uint32) << np.uint32(shift)
+    part[:] = mean

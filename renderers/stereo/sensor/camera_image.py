@@ -46,6 +46,8 @@ GAIN_UNIT: Final = 1.0 / 4096.0
 """Relative light per unit of ``FixedPattern.gain``."""
 
 
+ROOT_STEPS: Final = np.array((2047.0, 2047.0, 1023.0))
+"""White in ``Frame.roots``, red, green, blue."""
 _NO_DOTS: Final = np.zeros((1, 1), np.uint16)
 """Kernel argument for ``SceneLight.dots`` of None."""
 _NO_FACTORS: Final = np.ones((1, 1), np.float32)
@@ -79,8 +81,14 @@ class SceneLight:
     """(H, W or more) float32 factors of the rendered light, such as ``Frame.key_factor``; None: 1."""
 
 
+def roots_of(image: NDArray[np.uint8]) -> NDArray[np.uint32]:
+    """Return a rendered image in bytes, (H, W, 3), as ``Frame.roots``, (H, W) uint32."""
+    roots = np.rint(LIGHT_OF_LEVEL[:, None] ** 0.5 * ROOT_STEPS).astype(np.uint32) << np.array((0, 11, 22), np.uint32)
+    return np.asarray(roots[image[:, :, 0], 0] | roots[image[:, :, 1], 1] | roots[image[:, :, 2], 2])
+
+
 def light_on_sensor(
-    rendered: NDArray[np.uint8],
+    roots: NDArray[np.uint32],
     k: Intrinsics,
     exposure: Exposure,
     scene_light: SceneLight = SceneLight(),
@@ -94,25 +102,23 @@ def light_on_sensor(
     finer steps of light than bright ones.
 
     Args:
-        rendered: (H, W, 3) uint8 RGB, C-contiguous.
-        k: intrinsics of the image, for the field angle.
+        roots: (H, W or more) uint32, C-contiguous: the rendered image as ``Frame.roots``; see ``roots_of``.
+        k: intrinsics of the image, for its width and the field angle.
         exposure: its white balance is applied; exposure time and gain are not.
         scene_light: projector and key light.
         lens: blur and vignetting.
         color: return RGB; otherwise grey, by the weights of Rec. 601.
     """
-    height, width = rendered.shape[:2]
     dots = _NO_DOTS if scene_light.dots is None else scene_light.dots
     factors = _NO_FACTORS if scene_light.factors is None else scene_light.factors
     # The filter [w, 1 - 2 w, w] has the variance 2 w.
     neighbour_weight = 0.5 * min(lens.blur, MAX_LENS_BLUR) ** 2
     white_balance = exposure.channel_factors
     weights = np.diag(white_balance) if color else (LUMA * white_balance)[None]
-    light_of_level = (weights[:, :, None] * LIGHT_OF_LEVEL).astype(np.float32)
-    light = np.empty((height, width, len(weights)), np.uint16)
+    light = np.empty((len(roots), k.width, len(weights)), np.uint16)
     inv_focal = 1.0 / k.focal_length if lens.vignetting else 0.0
     light_rows(
-        rendered, dots, scene_light.dot_light / FULL_LIGHT, factors, light_of_level,
+        roots, dots, scene_light.dot_light / FULL_LIGHT, factors, (weights / ROOT_STEPS**2).astype(np.float32),
         neighbour_weight, k.cx, k.cy, inv_focal, light,
     )  # fmt: skip
     return light

@@ -11,17 +11,18 @@ from renderers.stereo.sensor.exposure import LIGHT_WHITE
 
 
 @inlined
-def _mix_channels(rendered: Array2[np.uint8], light_of_level: Array2[np.float32], scene: Array1[np.float32]) -> None:
+def _mix_channels(roots: Array1[np.uint32], weights: Array1[np.float32], scene: Array1[np.float32]) -> None:
     """Write one channel of a row's light.
 
     Args:
-        rendered: (W, 3) RGB.
-        light_of_level: (3, 256).
+        roots: (W or more,), see ``Frame.roots``.
+        weights: (3,), of the squares of red's, green's and blue's roots.
         scene: (W + 2,), output between its ends.
     """
-    red, green, blue = light_of_level[0], light_of_level[1], light_of_level[2]
-    for column in range(len(rendered)):
-        scene[column + 1] = red[rendered[column, 0]] + green[rendered[column, 1]] + blue[rendered[column, 2]]
+    for column in range(len(scene) - 2):
+        three = i32(roots[column])
+        red, green, blue = f32(three & 2047), f32(three >> 11 & 2047), f32(three >> 22 & 1023)
+        scene[column + 1] = weights[0] * red * red + weights[1] * green * green + weights[2] * blue * blue
 
 
 @inlined
@@ -97,11 +98,11 @@ def _vignette(y: F64, x_squared: Array1[np.float32], falloff: Array1[np.float32]
 
 @kernel
 def light_rows(
-    rendered: Array3[np.uint8],
+    roots: Array2[np.uint32],
     dots: Array2[np.uint16],
     dot_unit: F64,
     factors: Array2[np.float32],
-    light_of_level: Array3[np.float32],
+    weights: Array2[np.float32],
     neighbour_weight: F64,
     cx: F64,
     cy: F64,
@@ -111,11 +112,11 @@ def light_rows(
     """Write a light image.
 
     Args:
-        rendered: (H, W, 3) RGB.
+        roots: (H, W or more), see ``Frame.roots``.
         dots: (H, W), the projector's light; (1, 1): the projector is off.
         dot_unit: light that 1 in ``dots`` adds, relative to the rendered light.
         factors: (H, W or more), factors of the rendered light; one row: 1.
-        light_of_level: (C, 3, 256), light that each level of red, green and blue adds to each channel.
+        weights: (C, 3), of the squares of red's, green's and blue's roots in each channel.
         neighbour_weight: weight of each of both neighbours in the filter of three taps along rows and along columns.
         cx: principal point, pixels from the left edge.
         cy: principal point, pixels from the top edge.
@@ -136,7 +137,7 @@ def light_rows(
     for channel in range(channels):
         for source_row in range(height + 1):
             if source_row < height:
-                _mix_channels(rendered[source_row], light_of_level[channel], scene)
+                _mix_channels(roots[source_row], weights[channel], scene)
                 row_dots = dots[source_row if has_dots else 0]
                 row_factors = factors[source_row] if has_factors else no_factors
                 _light_scene(scene, row_factors, row_dots, f32(dot_unit), has_dots, has_factors)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Final
 
 import numpy as np
@@ -14,6 +15,7 @@ from renderers.stereo.sensor.camera_image import (
     image_from_light,
     light_on_sensor,
     relative_light,
+    roots_of,
 )
 from renderers.stereo.sensor.exposure import DISPLAY_GAMMA, Exposure
 
@@ -30,13 +32,16 @@ def sensor_image(
     noise_factor: float = 1.0,
 ) -> SensorImage:
     """Return the camera image of a rendered image, (H, W, 3) uint8, without a lens."""
-    light = light_on_sensor(rendered, K, exposure, scene_light, color=color)
+    light = light_on_sensor(roots_of(rendered), replace(K, width=rendered.shape[1]), exposure, scene_light, color=color)
     return image_from_light(light, exposure, key, noise_factor=noise_factor)
 
 
 def light_of(rendered: NDArray[np.uint8], light: SceneLight = SceneLight()) -> NDArray[np.float32]:
     """Return the grey light of a rendered image, (H, W) float32; 1 is white."""
-    return relative_light(light_on_sensor(rendered, K, Exposure(), light, color=False))[:, :, 0]
+    roots = roots_of(rendered)
+    return relative_light(light_on_sensor(roots, replace(K, width=rendered.shape[1]), Exposure(), light, color=False))[
+        :, :, 0
+    ]
 
 
 def rendered_grey(light: float, shape: tuple[int, int] = (240, 320)) -> NDArray[np.uint8]:

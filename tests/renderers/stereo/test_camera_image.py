@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from numpy.typing import NDArray
@@ -20,6 +22,7 @@ from renderers.stereo.sensor.camera_image import (
     frame_key,
     image_from_light,
     light_on_sensor,
+    roots_of,
 )
 from renderers.stereo.sensor.exposure import LIGHT_WHITE, Exposure
 
@@ -32,7 +35,8 @@ def light_of(
     image: NDArray[np.uint8], lens: Lens = NO_LENS, k: Intrinsics = K, light: SceneLight = NO_LIGHT
 ) -> NDArray[np.float64]:
     """Return the light of a grey image behind a lens, white is 1."""
-    root = light_on_sensor(image, k, Exposure(), light, lens, color=False)[:, :, 0] / LIGHT_WHITE
+    k = replace(k, width=image.shape[1])
+    root = light_on_sensor(roots_of(image), k, Exposure(), light, lens, color=False)[:, :, 0] / LIGHT_WHITE
     return root.astype(np.float64) ** 2
 
 
@@ -82,7 +86,7 @@ def test_fixed_pattern_grows_with_the_gain() -> None:
     deviations = []
     for gain in (0.0, 18.0):
         exposure = Exposure(0.005 / 10 ** (gain / 20), gain)  # the same brightness
-        light = light_on_sensor(grey, K, exposure, color=False)
+        light = light_on_sensor(roots_of(grey), replace(K, width=640), exposure, color=False)
         images = [
             image_from_light(light, exposure, frame_key(0, number, NoiseStream.LEFT), pattern).image.astype(float)
             for number in range(16)

@@ -23,6 +23,7 @@ from renderers.stereo.sensor.camera_image import (
     frame_key,
     image_from_light,
     light_on_sensor,
+    roots_of,
 )
 from renderers.stereo.sensor.exposure import Exposure
 from tests.adapters.stereo.analytic import plane, sphere
@@ -41,7 +42,7 @@ def test_matching_with_soft_dots(quality: Quality) -> None:
         )
         grey = np.full((*z.shape, 3), 90, np.uint8)
         light = light_on_sensor(
-            grey, k, Exposure(), SceneLight(dots, 2.0), Lens(LENS_BLUR / quality.divisor), color=False
+            roots_of(grey), k, Exposure(), SceneLight(dots, 2.0), Lens(LENS_BLUR / quality.divisor), color=False
         )
         pattern = fixed_pattern(1, right=number == 1, height=k.height, width=k.width)
         depths.append(z)

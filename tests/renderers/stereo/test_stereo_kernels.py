@@ -39,7 +39,7 @@ def depth_images(disparity: NDArray[np.uint16], error: int = 2, confidence: int 
 def test_every_kernel_is_called_with_the_types_of_its_signature() -> None:
     """Another type would compile a second time, in the running server."""
     rng = np.random.default_rng(0)
-    rendered = rng.integers(0, 256, (24, 40, 3), np.uint8)
+    rendered = rng.integers(0, 1 << 32, (24, 48), np.uint32)
     depth = np.full((24, 40), 2.0, np.float32)
     dots = projected_dots(depth, 40.0, 20.0, 12.0, 0.05, depth)
     camera = Camera(40, 24, 40.0, 40.0, 20.0, 12.0, 0.01, 100.0, np.eye(4))

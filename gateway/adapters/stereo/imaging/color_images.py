@@ -50,10 +50,10 @@ def expose_color_camera(
     camera_at = partial(color_camera.camera, capture.X_world_left, near=config.near, far=config.far)
     key_light = imaging.key_light(capture, camera_at(divisor=METERING_DIVISOR))
     frame = _rendered_frame(imaging, color_camera, camera_at(), capture, key_light)
-    assert frame.color is not None
+    assert frame.roots is not None
     scene_light = imaging.scene_light(frame, dots=None)
     # This applies only the white balance of the exposure, which is the manual one also with automatic exposure.
-    light_root = light_on_sensor(frame.color, color_camera.intrinsics, manual, scene_light, imaging.lens, color=True)
+    light_root = light_on_sensor(frame.roots, color_camera.intrinsics, manual, scene_light, imaging.lens, color=True)
     exposure = manual
     if auto_limits is not None:
         metered = relative_light(light_root[_METERED_PIXELS]) @ LUMA.astype(np.float32)
@@ -68,7 +68,7 @@ def _rendered_frame(
 ) -> Frame:
     """Return the rendered image. With a rolling shutter, strips are rendered at their own times."""
     motion, look = None, imaging.lit(imaging.look, capture, key)
-    outputs = Output.COLOR | Output.KEY_FACTOR if key is not None else Output.COLOR
+    outputs = Output.ROOTS | Output.KEY_FACTOR if key is not None else Output.ROOTS
     earlier = capture.earlier
     if color_camera.readout > 0.0 and earlier is not None:
         X_world_before = earlier.X_world_left @ color_camera.X_left_color
@@ -84,5 +84,5 @@ def _rendered_frame(
         strip = replace(camera, height=bottom - top, cy=camera.cy - top, X_world_camera=pose)
         strips.append(imaging.renderer.render(motion.scene_at(time), strip, outputs, look))
     factors = [strip.key_factor for strip in strips if strip.key_factor is not None]
-    colors = [strip.color for strip in strips if strip.color is not None]
-    return Frame(np.concatenate(colors), key_factor=np.concatenate(factors) if factors else None)
+    roots = [strip.roots for strip in strips if strip.roots is not None]
+    return Frame(roots=np.concatenate(roots), key_factor=np.concatenate(factors) if factors else None)

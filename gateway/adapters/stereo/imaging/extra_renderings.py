@@ -40,7 +40,7 @@ def key_light(renderer: Renderer, look: Look, level: float, scene: DrawList, cam
 
 
 def blur_motion(
-    renderer: Renderer, look: Look, motion: Motion, camera: Camera, exposure_time: float, color: NDArray[np.uint8]
+    renderer: Renderer, look: Look, motion: Motion, camera: Camera, exposure_time: float, roots: NDArray[np.uint32]
 ) -> None:
     """Blur what moves: average further renderings of these parts into an image.
 
@@ -48,14 +48,14 @@ def blur_motion(
         motion: motion since the previous frame.
         camera: camera of the image.
         exposure_time: seconds.
-        color: (H, W, 3) uint8, rendered image, changed.
+        roots: (H, W + 8) uint32, rendered image (``Frame.roots``), changed.
     """
     relative_exposure = exposure_time / motion.seconds
     rectangles = moving_rectangles(motion, camera, relative_exposure)
     total_area = sum(rectangle.area for rectangle in rectangles)
     for rectangle in rectangles:
         count = subframe_count(rectangle, total_area, camera.width * camera.height)
-        subframes: list[NDArray[np.uint8]] = []
+        subframes: list[NDArray[np.uint32]] = []
         for index in range(count):
             if index == count // 2:  # the middle of the exposure is rendered already; the count is odd
                 continue
@@ -69,10 +69,10 @@ def blur_motion(
                 cy=camera.cy - rectangle.top,
                 X_world_camera=motion.camera_at(time),
             )
-            frame = renderer.render(motion.scene_at(time), view, Output.COLOR, look)
-            assert frame.color is not None
-            subframes.append(frame.color)
-        write_mean_light(color, rectangle.left, rectangle.top, subframes)
+            frame = renderer.render(motion.scene_at(time), view, Output.ROOTS, look)
+            assert frame.roots is not None
+            subframes.append(frame.roots[:, : view.width])
+        write_mean_light(roots, rectangle.left, rectangle.top, subframes)
 
 
 def light_of_projectors(

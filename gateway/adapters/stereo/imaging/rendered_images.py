@@ -179,7 +179,7 @@ class Imaging:
             frame, dots = self._render_with_dots(lit_capture, 0.0, METERING_DIVISOR, key)
         except ImageError:
             return MeteredExposure(settings.manual_exposure, 0.0)
-        rendered, manual = frame.color, settings.manual_exposure
+        rendered, manual = frame.roots, settings.manual_exposure
         assert rendered is not None
         other_dots = None
         if capture.projectors:
@@ -221,13 +221,13 @@ class Imaging:
         noise_factor = config.noise_factor / request.averaged_images**0.5
         key_light = request.key_light or self.key_light(capture)
         frame, dots = self._render_with_dots(capture, offset, 1, key_light)
-        assert frame.color is not None
+        assert frame.roots is not None
         if "motion-blur" in config.realism:
-            self._blur_motion(capture, offset, exposure.time, frame.color)
+            self._blur_motion(capture, offset, exposure.time, frame.roots)
         scene_light = self.scene_light(frame, dots)
         return {
             color: image_from_light(
-                light_on_sensor(frame.color, k, exposure, scene_light, self.lens, color=color),
+                light_on_sensor(frame.roots, k, exposure, scene_light, self.lens, color=color),
                 exposure,
                 key,
                 pattern,
@@ -266,7 +266,7 @@ class Imaging:
         """
         return SceneLight(dots, self.config.full_dot_light, frame.key_factor)
 
-    def _blur_motion(self, capture: Capture, offset: float, exposure_time: float, color: NDArray[np.uint8]) -> None:
+    def _blur_motion(self, capture: Capture, offset: float, exposure_time: float, roots: NDArray[np.uint32]) -> None:
         """Blur the parts of a rendered image in which something has moved since ``capture.earlier``."""
         earlier = capture.earlier
         if earlier is None:
@@ -275,13 +275,13 @@ class Imaging:
         X_world_before = self.camera(replace(capture, X_world_left=earlier.X_world_left), offset, 1).X_world_camera
         motion = motion_since(earlier, capture.timestamp, capture.scene, X_world_before, camera.X_world_camera)
         if motion is not None:
-            blur_motion(self.renderer, self.lit(self.look, capture), motion, camera, exposure_time, color)
+            blur_motion(self.renderer, self.lit(self.look, capture), motion, camera, exposure_time, roots)
 
     def _render_with_dots(
         self, capture: Capture, offset: float, divisor: int, key: KeyLight | None
     ) -> tuple[Frame, NDArray[np.uint16] | None]:
         """Return the rendered colour image, and the light of the projectors on it; see ``light_of_projectors``."""
-        outputs = Output.COLOR | Output.KEY_FACTOR if key is not None else Output.COLOR
+        outputs = Output.ROOTS | Output.KEY_FACTOR if key is not None else Output.ROOTS
         has_own = capture.has_projection(self.config)
         if capture.projectors:
             outputs |= Output.DEPTH | Output.INSTANCE | Output.NORMAL | Output.LIGHT
