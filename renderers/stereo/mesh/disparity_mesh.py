@@ -15,6 +15,9 @@ from renderers.stereo.model import DISPARITY_SCALE, Intrinsics
 MAX_STEP = math.ceil(2.0 / DISPARITY_SCALE)
 """Maximum disparity step between the corners of a connected cell, units of 1/16 pixel (the vendor's GenICam
 library)."""
+MAX_SLOPE = 0.25 / DISPARITY_SCALE
+"""Further step for each pixel by which bins are larger than one, units of 1/16 pixel. The disparity of a plane changes
+by at most baseline / distance per pixel: one that passes the camera at four baselines stays whole."""
 FOOTPRINT = 2.0 * 1.4
 """Vertex property ``scan_size`` divided by the width of a pixel at the point (as in the vendor's cvkit)."""
 
@@ -73,7 +76,7 @@ def disparity_mesh(
         kernels.fill_empty_bins(bin_disparity)
     vertex_index = np.full(bins, -1, np.int32)
     triangles = np.empty((2 * max(bins[0] - 1, 0) * max(bins[1] - 1, 0), 3), np.uint32)
-    max_step = np.inf if options.watertight else MAX_STEP
+    max_step = np.inf if options.watertight else MAX_STEP + MAX_SLOPE * (bin_size - 1)
     count = kernels.make_triangles(bin_disparity, bin_u, bin_v, max_step, vertex_index, triangles)
     triangles = triangles[:count]
     points = np.empty((np.count_nonzero(vertex_index >= 0), 4), np.float32)

@@ -103,6 +103,18 @@ def test_surfaces_are_cut_at_steps_and_holes() -> None:
     assert (z.max(axis=1) < 1.2).any()
 
 
+def test_surfaces_of_few_points_are_whole_and_cut_at_steps() -> None:
+    k = MODEL.intrinsics(1)
+    d = encode(plane(k, 0, 1.5, 0.4, 1.0), k)  # 5.4 pixels from bin to bin
+    d[: 13 * 36] = encode(plane(k, 0, 8.0), k)[: 13 * 36]
+    _, vertices, faces = read(disparity_mesh(d, k, MODEL.baseline, MeshOptions(max_points=1000)))
+    rows, columns = (-(-length // 36) for length in d.shape)
+    assert len(vertices) == rows * columns
+    assert len(faces) == 2 * (rows - 2) * (columns - 1), "all cells but those between the two surfaces"
+    z = vertices["z"][faces]
+    assert ((z.min(axis=1) > 7.9) | (z.max(axis=1) < 4.7)).all()
+
+
 def test_watertight_is_one_surface_without_holes() -> None:
     d = encode(np.minimum(plane(K, 0, 2.0), sphere(K, 0, (0, 0, 1.0), 0.3)))
     d[10:20, 10:20] = 0
