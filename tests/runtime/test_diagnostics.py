@@ -48,7 +48,7 @@ def test_a_missing_glib_is_a_note(monkeypatch: pytest.MonkeyPatch) -> None:
 
 @pytest.mark.parametrize(
     ("hard", "verdict"),
-    [(4095, Verdict.NOTE), (4096, Verdict.OK), (resource.RLIM_INFINITY, Verdict.OK)],
+    [(4095, Verdict.NOTE), (4096, Verdict.OK), (20000, Verdict.OK), (resource.RLIM_INFINITY, Verdict.OK)],
 )
 def test_few_open_files_are_a_note(monkeypatch: pytest.MonkeyPatch, hard: int, verdict: Verdict) -> None:
     monkeypatch.setattr(resource, "getrlimit", lambda which: (256, hard))
