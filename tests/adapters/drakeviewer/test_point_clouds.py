@@ -44,11 +44,13 @@ def test_colors_with_and_without_normals(viewer: Viewer, normals: int) -> None:
     np.testing.assert_allclose(shown(viewer).channels["rgb"], [(1, 0, 0.2), (0, 0.4, 1)])
 
 
-def test_doubles_big_endian_rows_and_gaps(viewer: Viewer) -> None:
+@pytest.mark.parametrize("columns", [(0, 1, 2), (2, 0, 1)])
+def test_doubles_big_endian_rows_and_gaps(viewer: Viewer, columns: tuple[int, int, int]) -> None:
     data = np.zeros((2, 5, 4), ">f8")
     values = np.arange(12.0).reshape(2, 2, 3)
-    data[:, :2, :3] = values
-    fields = [("z", 16, 8, 1), ("x", 0, 8, 1), ("y", 8, 8, 1), ("other", 24, 3, 2)]
+    data[:, :2, columns] = values
+    x, y, z = columns
+    fields = [("z", 8 * z, 8, 1), ("x", 8 * x, 8, 1), ("y", 8 * y, 8, 1), ("other", 24, 3, 2)]
     viewer.handle(CHANNEL, cloud(data.tobytes(), 2, fields, 32, 2, 160, 1))
     assert shown(viewer).points.tolist() == values.reshape(-1, 3).tolist()
 

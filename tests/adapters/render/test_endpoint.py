@@ -209,6 +209,10 @@ async def test_docs_describe_the_form(start: Start, watched: WatchedRenderer) ->
     form = operation["requestBody"]["content"]["multipart/form-data"]["schema"]
     assert form["properties"]["scene"]["format"] == "binary"
     assert set(drake_fields("depth")) | {"scene", "scene_sha256", LOOK_FIELD} == set(form["properties"])
+    *_, range_of_depth = form["allOf"]
+    without_range, with_range = range_of_depth["anyOf"]
+    assert without_range["properties"]["image_type"]["enum"] == ["color", "label"]
+    assert with_range["required"] == ["min_depth", "max_depth"]
     assert set(operation["responses"]) == {"200", "400", "408", "413", "415", "500", "503"}
     defaults = {name: str(p["default"]) for name, p in form["properties"].items() if "default" in p}
     async with start(watched) as server:  # what /docs proposes is a request that works
