@@ -47,3 +47,11 @@ async def test_a_kind_that_was_not_expected_is_made_too(renderer: CpuRenderer) -
     ).left
     assert np.array_equal(np.frombuffer(image.data, np.uint8), np.frombuffer(expected.data, np.uint8))
     assert await workers.close()
+
+
+async def test_exact_depth_has_the_brightness_of_the_colour_image_beside_it(renderer: CpuRenderer) -> None:
+    imaging = Imaging(StereoConfig(model=SMALL, look="phong", depth_mode="ground_truth"), renderer)
+    workers, kind = WorkerPool(1), SetKind(disparity=True, color_camera=True)
+    images = pb.ImageSet.FromString(await frame_of(imaging, workers, kind).serialised(kind))
+    assert images.disparity.image.brightness == images.color_camera.brightness > 0
+    assert await workers.close()
