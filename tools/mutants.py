@@ -37,7 +37,7 @@ NEIGHBOURS = {
     "adapters/treeviewer": ("tests/runtime/lcm",),
     "adapters/viewer": ("tests/adapters/sceneapi",),
     "cli": ("tests/e2e",),
-    "client": ("tests/adapters/treeviewer", "tests/runtime/lcm", "tests/datasets"),
+    "client": ("tests/adapters/treeviewer", "tests/runtime/lcm", "tests/datasets", "tests/cli"),
     "files/assets": ("tests/adapters/treeviewer",),
     "files/gltf": ("tests/adapters/render", "tests/datasets/scenario"),
     "files/parsers": ("tests/files/assets",),

@@ -51,8 +51,9 @@ def test_another_broken_pipe_is_an_error(monkeypatch: pytest.MonkeyPatch) -> Non
     assert (ran.exit_code, ran.stderr) == (1, "scenegate: Broken pipe\n")
 
 
-def test_characters_that_stdout_cannot_encode_are_replaced() -> None:
-    ran = run("serve --help-all", PYTHONIOENCODING="ascii")
+@pytest.mark.parametrize("encoding", ["ascii", "ascii:surrogateescape"])
+def test_characters_that_stdout_cannot_encode_are_replaced(encoding: str) -> None:
+    ran = run("serve --help-all", PYTHONIOENCODING=encoding)
     assert (ran.returncode, ran.stderr) == (0, b"")
     assert b"--http-port" in ran.stdout
     assert b"?" in ran.stdout

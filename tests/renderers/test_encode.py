@@ -153,6 +153,8 @@ def test_rejects_wrong_shapes_and_dtypes() -> None:
         tiff_gray16(np.zeros((4, 0), np.uint16))
     with pytest.raises(ValueError, match="uint16"):
         jpeg_rgb(np.zeros((4, 4, 3), np.uint16))
+    with pytest.raises(ValueError, match=r"\(4, 4, 3, 1\)"):
+        jpeg_rgb(np.zeros((4, 4, 3, 1), np.uint8))
 
 
 def test_jpeg_resembles_the_image() -> None:

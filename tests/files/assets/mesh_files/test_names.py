@@ -27,6 +27,13 @@ def test_absolute_relative_and_file_names(root: Path, files: MeshFiles) -> None:
         assert files.load(name)
 
 
+@pytest.mark.parametrize("scale", [(2.0, 1.0, 1.0), (1.0, 2.0, 1.0), (1.0, 1.0, 2.0)])
+def test_a_mesh_is_scaled_along_one_axis(root: Path, files: MeshFiles, scale: tuple[float, float, float]) -> None:
+    write(root / "t.obj", TRIANGLE)
+    (part,), (unscaled,) = files.load("t.obj", scale), files.load("t.obj")
+    assert (part.X_node_part == np.diag((*scale, 1.0)) @ unscaled.X_node_part).all()
+
+
 def test_packages_are_found_by_the_name_in_their_manifest(root: Path, files: MeshFiles) -> None:
     write(root / "ws" / "src" / "arm" / "package.xml", "<package format='2'>\n <name> my_arm </name></package>")
     write(root / "ws" / "src" / "arm" / "meshes" / "link.obj", TRIANGLE)
