@@ -44,6 +44,7 @@ NEIGHBOURS = {
     "replay": ("tests/e2e/test_view.py",),
     "runtime/http": ("tests/security",),
     "runtime/lcm": ("tests/adapters/treeviewer",),
+    "runtime/logs": ("tests/wiring",),
     "scene/draw": ("tests/adapters/sceneapi", "tests/adapters/treeviewer"),
     "scene/tree": ("tests/adapters/sceneapi", "tests/adapters/treeviewer"),
     "renderers": ("tests/runtime/workers",),

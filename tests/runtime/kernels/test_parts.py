@@ -12,8 +12,15 @@ from gateway.runtime.workers import process_tuning
 from renderers.compiler.jit import KERNELS, Kernel
 
 
-def test_parts_are_compiled_until_the_queue_is_empty(monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize(("background", "changes"), [("abcd", [10]), ("ab", [])])
+def test_parts_are_compiled_until_the_queue_is_empty(
+    background: str, changes: list[int], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A process that compiles what a running server waits for has the server's priority."""
     done: list[str] = []
+    niceness: list[int] = []
+    monkeypatch.setattr(os, "nice", niceness.append)
+    monkeypatch.setattr(compile_process, "BACKGROUND", tuple(background))
     monkeypatch.setattr(KernelPart, "compile_or_load", lambda part: done.append(part.names[0]))
     monkeypatch.setattr(compile_process, "PARTS", {name: KernelPart(1, (name,)) for name in "abc"})
     monkeypatch.setattr(process_tuning, "pause_gc", lambda: None)  # it stops the garbage collector
@@ -23,6 +30,7 @@ def test_parts_are_compiled_until_the_queue_is_empty(monkeypatch: pytest.MonkeyP
     compile_process.compile_parts(queue, ("a", "b", "c"))
     os.close(queue)
     assert done == ["c", "a"]
+    assert niceness == changes
 
 
 class Function:
