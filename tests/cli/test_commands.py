@@ -112,6 +112,11 @@ def test_a_file_that_is_no_log_is_named(tmp_path: Path, monkeypatch: pytest.Monk
     assert invoke("play", str(tmp_path / "none")).exit_code == 2
 
 
+def test_a_folder_is_no_log(tmp_path: Path) -> None:
+    assert invoke("play", str(tmp_path)).exit_code == 2
+    assert invoke("convert", str(tmp_path), str(tmp_path / "out.mcap")).exit_code == 2
+
+
 @pytest.mark.parametrize(
     ("notes", "problems", "code"), [(0, 0, 0), (2, 0, 0), (0, 1, 1), (dataset.MAX_SHOWN, dataset.MAX_SHOWN + 2, 1)]
 )
