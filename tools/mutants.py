@@ -233,7 +233,10 @@ def tests_fail(tree: Path, paths: tuple[str, ...], *, recompile: bool) -> bool:
     """
     command = (PYTHON, "-m", "pytest", "-q", "-x", "-m", "not slow", "-p", "no:cacheprovider", *paths)
     with tempfile.TemporaryDirectory(prefix="mutants-kernels-") as kernels:
-        environment = {**os.environ, **({"NUMBA_CACHE_DIR": kernels} if recompile else {})}
+        # Before the installed packages, also in programs that the tests start in other folders.
+        environment = {**os.environ, "PYTHONPATH": f"{tree}{os.pathsep}{tree / 'client'}"}
+        if recompile:
+            environment["NUMBA_CACHE_DIR"] = kernels
         try:
             ended = subprocess.run(
                 command, cwd=tree, env=environment, capture_output=True, timeout=TEST_SECONDS, check=False
