@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from gateway.files.gltf import GltfScene, read_gltf
 from gateway.scene.tree.geometry import Part, Surface
 from gateway.scene.tree.nodes import Path
-from renderers.drawlist import Mesh
+from renderers.drawlist import Light, Mesh
 
 COMPONENT = {"b": 5120, "B": 5121, "h": 5122, "H": 5123, "i": 5124, "I": 5125, "f": 5126, "d": 5130}
 TYPES = {1: "SCALAR", 2: "VEC2", 3: "VEC3", 4: "VEC4", 16: "MAT4"}
@@ -83,7 +83,13 @@ def glb(document: dict[str, Any] | bytes, binary: bytes | None = None) -> bytes:
 
 
 def parts(scene: GltfScene) -> list[tuple[Path, Part]]:
-    return [(path, part) for path, node in scene.root.walk() for part in node.parts or ()]
+    """All parts but lights, with the paths of their nodes."""
+    return [
+        (path, part)
+        for path, node in scene.root.walk()
+        for part in node.parts or ()
+        if not isinstance(part.shape, Light)
+    ]
 
 
 def meshes(scene: GltfScene) -> list[Mesh]:

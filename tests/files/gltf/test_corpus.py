@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from gateway.files.gltf import GltfCache, GltfScene, label_from_material, read_gltf
 from gateway.files.gltf.document_cache import MIN_BYTES
 from gateway.scene.tree.nodes import Node
-from renderers.drawlist import Texture
+from renderers.drawlist import Light, Texture
 from tests.files.gltf.builder import mesh_of, parts
 from tests.support.corpus import IMAGE_TYPES, DrakeScene, corpus_dir, drake_scene, drake_scenes
 
@@ -38,6 +38,8 @@ def world_triangles(root: Node) -> NDArray[np.float64]:
         node, X = stack.pop()
         X = X @ node.matrix
         for part in node.parts or ():
+            if isinstance(part.shape, Light):
+                continue
             mesh = mesh_of(part)
             found.append(mesh.positions.astype(np.float64)[mesh.elements] @ X[:3, :3].T + X[:3, 3])
         stack += [(child, X) for child in node.children.values()]
