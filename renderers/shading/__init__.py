@@ -10,16 +10,16 @@ Each row of a visibility buffer goes through the same steps, called by ``headlig
 ``studio.shade_rows``:
 
 1. ``spans`` cuts it into spans (pixels that see one primitive), segments (spans of one instance) and parts (at most
-   PART pixels of a segment, shaded at a time).
-2. ``span_setup`` fills Spans: weighted sums of vertex attributes at the start of each span, and their change per pixel.
-   ``interpolation`` turns them into ShadedPixels, eight pixels at a time.
+   MAX_PART_PIXELS of a segment, shaded at a time).
+2. ``span_setup`` fills SpanSums: weighted sums of vertex attributes at the start of each span, and their change per
+   pixel. ``interpolation`` turns them into ShadedPixels, eight pixels at a time.
 3. ``material``: base colour, normal map and the other maps, read by ``sampling`` (``mip_levels``, ``texels``,
    ``area_filter``), into further rows of ShadedPixels.
 4. ``headlight.lighting`` or ``studio.lighting``: light (``brdf``).
 5. ``headlight.output_merge`` or ``studio.tone_mapping``: translucent layers, background; ``packed_rows``: bytes.
 
-The kernels of the looks call ``span_setup.set_up_part`` and ``sampling.sample_texture`` by address, for each part:
-these two are compiled once for all looks.
+The kernels of the looks call ``span_setup.set_up_part_kernel`` and ``sampling.sample_texture`` by address, for each
+part: these two are compiled once for all looks.
 
 Tables: ``scene`` (draw list), ``materials``, ``texture_table``, ``mipmaps``, ``textures`` (decoded images) and
 ``mesh_buffers`` (with ``mikktspace`` tangents). Rows and bands are independent: any number of threads gives the same
@@ -27,14 +27,14 @@ bytes.
 
 Parameters of device functions that mean the same everywhere have no line of their own:
 
-- ``job``, ``context``, ``spans``, ``pixels``, ``material``, ``texture``, ``surfaces``, ``lighting``: the struct of this
-  name; ``context`` is a ShadingContext, ``job`` ShadingInputs or a look's own.
-- ``count``: number of pixels of the part that is shaded; ``x``: index in the part of the first of eight pixels. Where
-  a function has ``begin``, ``end`` or ``packed_row``, ``x`` is an index in the row of pixels instead.
+- ``context`` is a ShadingContext, ``inputs`` ShadingInputs, ``job`` those of a look; ``span_sums``, ``pixels``,
+  ``material``, ``texture``, ``surfaces``, ``lighting``: the struct of this name.
+- ``count``: number of pixels of the part that is shaded. ``x``: index of the first of eight pixels, in the part. In
+  loops over ``begin .. end``, and where the docstring says "row", it is an index in the row of pixels instead.
 - ``y``: row of the image. ``column``: column of the image. Pixel k of a row is in column k, unless ShadingContext has
   ``columns``.
-- ``span``: index of a span in the row; ``at``: index of the first of eight spans in Spans.
-- ``rows``: pointer to rows of Spans or ShadedPixels. ``packed_row``: pointer to int32, see ``packed_rows``.
+- ``span``: index of a span in the row; ``at``: index of the first of eight spans in SpanSums.
+- ``rows``: pointer to rows of SpanSums or ShadedPixels. ``packed_row``: pointer to int32, see ``packed_rows``.
 - ``alpha``: bool, False: the fourth channel is not needed.
 
 Values of eight pixels are f32x8 if nothing is said, points and directions three of them in the optical frame (metres);

@@ -12,7 +12,7 @@ from renderers.compiler.device_function import device_function, inlined
 from renderers.compiler.kernel_types import F32, I64, Pointer, i64, u64
 from renderers.compiler.pointers import i32_at
 from renderers.compiler.simd import F32x8, I32x8
-from renderers.shading.layout import HAS_COLORS, HAS_TANGENTS, HAS_UV0, HAS_UV1, SPAN_STRIDE, STRIDE, ShadingContext
+from renderers.shading.layout import HAS_COLORS, HAS_TANGENTS, HAS_UV0, HAS_UV1, ROW_STRIDE, ShadingContext
 from renderers.shading.vec3 import store3
 
 _OTHER_ATTRIBUTES: Final = HAS_UV0 | HAS_UV1 | HAS_COLORS | HAS_TANGENTS
@@ -45,14 +45,14 @@ def pixel_columns(columns: I64, x: I64) -> I32x8:
 
 @inlined
 def _span_values(rows: Pointer[F32], row: I64, at: I64, offsets: I32x8) -> F32x8:
-    """Return the values in a row of Spans for the spans of eight pixels.
+    """Return the values in a row of SpanSums for the spans of eight pixels.
 
     Args:
-        rows: pointer to a field of Spans, of which ``row`` is one row.
-        at: index in Spans of the first pixel's span; seven more are loaded.
+        rows: pointer to a field of SpanSums, of which ``row`` is one row.
+        at: index in SpanSums of the first pixel's span; seven more are loaded.
         offsets: index of each pixel's span, counted from ``at``.
     """
-    return vec.permute(vec.load(rows, row * SPAN_STRIDE + at), offsets)
+    return vec.permute(vec.load(rows, row * ROW_STRIDE + at), offsets)
 
 
 @inlined
@@ -62,7 +62,7 @@ def _along_span(rows: Pointer[F32], row: I64, components: I64, at: I64, offsets:
     Args:
         rows, at, offsets: as in ``_span_values``.
         row: row of the value at the first pixel of each span. Its change per pixel is ``components`` rows
-            further: Spans has all values first, then all changes.
+            further.
         t: pixels from the beginning of each pixel's span.
     """
     return _span_values(rows, row, at, offsets) + _span_values(rows, row + components, at, offsets) * t
@@ -73,19 +73,19 @@ def _clear(rows: Pointer[F32], row: I64, row_count: I64, count: I64) -> None:
     """Fill ``row_count`` rows of ShadedPixels from ``row`` on with zeros."""
     for k in range(row, row + row_count):
         for x in range(0, count, vec.LANES):
-            vec.store(rows, k * STRIDE + x, vec.f32(0.0))
+            vec.store(rows, k * ROW_STRIDE + x, vec.f32(0.0))
 
 
 @inlined
 def interpolate(context: ShadingContext, begin: I64, end: I64) -> None:
-    """Fill ShadedPixels with the attributes of the row's pixels ``begin .. end``; ``set_up_spans`` has filled Spans.
+    """Fill ShadedPixels with the attributes of the row's pixels ``begin .. end``; ``set_up_part`` has filled SpanSums.
 
     Up to seven further values per row are overwritten. Texture coordinates that the material reads and the mesh lacks
     become 0, as do their gradients.
     """
-    spans, pixels, start_bits, columns = context.spans, context.pixels, context.start_bits, context.columns
-    attributes, span_offsets = context.attributes, context.job.span_offsets
-    has_gradients, has_points = context.material.has_gradients != 0, context.job.has_points != 0
+    sums, pixels, start_bits, columns = context.span_sums, context.pixels, context.start_bits, context.columns
+    attributes, span_offsets = context.attributes, context.inputs.span_offsets
+    has_gradients, has_points = context.material.has_gradients != 0, context.inputs.has_points != 0
     at = i64(0)
     for x in range(begin, end, vec.LANES):
         pixel = x - begin  # in the part, as in _store_gradient
@@ -94,32 +94,32 @@ def interpolate(context: ShadingContext, begin: I64, end: I64) -> None:
         starts = _span_starts_after(start_bits, x)
         offsets = vec.load(span_offsets, vec.LANES * (starts & 127))
         column = vec.to_f32(pixel_columns(columns, x))
-        t = column - _span_values(spans.first_column, 0, at, offsets)
+        t = column - _span_values(sums.first_column, 0, at, offsets)
         normal = (
-            _along_span(spans.normal, 0, 3, at, offsets, t),
-            _along_span(spans.normal, 1, 3, at, offsets, t),
-            _along_span(spans.normal, 2, 3, at, offsets, t),
+            _along_span(sums.normal, 0, 3, at, offsets, t),
+            _along_span(sums.normal, 1, 3, at, offsets, t),
+            _along_span(sums.normal, 2, 3, at, offsets, t),
         )
-        store3(pixels.normal, pixel, STRIDE, normal)
+        store3(pixels.normal, pixel, ROW_STRIDE, normal)
         if attributes & _OTHER_ATTRIBUTES or has_points:
-            weight_sum = _along_span(spans.weight_sum, 0, 1, at, offsets, t)
+            weight_sum = _along_span(sums.weight_sum, 0, 1, at, offsets, t)
             inv_weight_sum = vec.f32(1.0) / weight_sum
             for uv_set in range(2):
                 if attributes & (HAS_UV0 << uv_set):
-                    for k in range(2):  # rows of a set in Spans: u, v, and their changes
-                        uv = _along_span(spans.uv, 4 * uv_set + k, 2, at, offsets, t) * inv_weight_sum
-                        vec.store(pixels.uv, (2 * uv_set + k) * STRIDE + pixel, uv)
+                    for k in range(2):  # rows of a set in SpanSums: u, v, and their changes
+                        uv = _along_span(sums.uv, 4 * uv_set + k, 2, at, offsets, t) * inv_weight_sum
+                        vec.store(pixels.uv, (2 * uv_set + k) * ROW_STRIDE + pixel, uv)
                         if has_gradients:
                             _store_gradient(context, uv_set, k, pixel, at, offsets, uv, inv_weight_sum)
             if attributes & HAS_COLORS:
                 for k in range(4):
-                    color = _along_span(spans.color, k, 4, at, offsets, t) * inv_weight_sum
-                    vec.store(pixels.color, k * STRIDE + pixel, color)
+                    color = _along_span(sums.color, k, 4, at, offsets, t) * inv_weight_sum
+                    vec.store(pixels.color, k * ROW_STRIDE + pixel, color)
             if attributes & HAS_TANGENTS:
                 # ``material`` reads which side is seen with tangents only.
-                vec.store(pixels.facing, pixel, _span_values(spans.facing, 0, at, offsets))
+                vec.store(pixels.facing, pixel, _span_values(sums.facing, 0, at, offsets))
                 for k in range(4):
-                    vec.store(pixels.tangent, k * STRIDE + pixel, _along_span(spans.tangent, k, 4, at, offsets, t))
+                    vec.store(pixels.tangent, k * ROW_STRIDE + pixel, _along_span(sums.tangent, k, 4, at, offsets, t))
             if has_points:
                 _store_surface(context, column, pixel, at, offsets, t)
         at += vec.count_bits(starts)
@@ -144,13 +144,13 @@ def _store_gradient(
         uv: u or v.
         inv_weight_sum: 1 / W.
     """
-    spans = context.spans
+    sums = context.span_sums
     for axis in range(2):  # columns, rows
-        # In Spans and in ShadedPixels: du/dx, dv/dx, du/dy, dv/dy of uv0, then of uv1.
+        # In SpanSums and in ShadedPixels: du/dx, dv/dx, du/dy, dv/dy of uv0, then of uv1.
         row = 4 * uv_set + 2 * axis + k
-        weight_sum_gradient = _span_values(spans.weight_sum_gradient, axis, at, offsets)
-        gradient = (_span_values(spans.uv_gradient, row, at, offsets) - uv * weight_sum_gradient) * inv_weight_sum
-        vec.store(context.pixels.uv_gradient, row * STRIDE + pixel, gradient)
+        weight_sum_gradient = _span_values(sums.weight_sum_gradient, axis, at, offsets)
+        gradient = (_span_values(sums.uv_gradient, row, at, offsets) - uv * weight_sum_gradient) * inv_weight_sum
+        vec.store(context.pixels.uv_gradient, row * ROW_STRIDE + pixel, gradient)
 
 
 @device_function
@@ -162,11 +162,11 @@ def _store_surface(context: ShadingContext, columns: F32x8, pixel: I64, at: I64,
         pixel, at, offsets: as in ``_store_gradient``.
         t: as in ``_along_span``.
     """
-    spans, pixels, job = context.spans, context.pixels, context.job
-    z = vec.f32(1.0) / _along_span(spans.inv_depth, 0, 1, at, offsets, t)
-    x = (columns + vec.f32(0.5 - job.cx)) * vec.f32(1.0 / job.fx) * z
-    y = vec.f32((context.y + 0.5 - job.cy) / job.fy) * z
-    store3(pixels.point, pixel, STRIDE, (x, y, z))
-    if job.has_flat_normals != 0:
+    sums, pixels, inputs = context.span_sums, context.pixels, context.inputs
+    z = vec.f32(1.0) / _along_span(sums.inv_depth, 0, 1, at, offsets, t)
+    x = (columns + vec.f32(0.5 - inputs.cx)) * vec.f32(1.0 / inputs.fx) * z
+    y = vec.f32((context.y + 0.5 - inputs.cy) / inputs.fy) * z
+    store3(pixels.point, pixel, ROW_STRIDE, (x, y, z))
+    if inputs.has_flat_normals != 0:
         for k in range(3):
-            vec.store(pixels.flat_normal, k * STRIDE + pixel, _span_values(spans.flat_normal, k, at, offsets))
+            vec.store(pixels.flat_normal, k * ROW_STRIDE + pixel, _span_values(sums.flat_normal, k, at, offsets))

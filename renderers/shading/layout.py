@@ -8,14 +8,12 @@ from renderers.compiler.kernel_types import F32, F64, I32, I64, U32, Address, Po
 from renderers.compiler.simd import LANES
 from renderers.compiler.structs import Struct, inline
 
-PART: Final = 256
+MAX_PART_PIXELS: Final = 256
 """Maximum number of pixels shaded at a time: their attributes stay in the first-level cache. A multiple of 64."""
-STRIDE: Final = PART + LANES
-"""Number of values in a row of ShadedPixels. Loops over pixels overrun by up to seven."""
-SPAN_STRIDE: Final = PART + 2 * LANES
-"""Number of values in a row of Spans. A part has at most PART spans, and loops read beyond them."""
+ROW_STRIDE: Final = MAX_PART_PIXELS + LANES
+"""Values in a row of ShadedPixels or SpanSums. Vectors reach up to seven values beyond a part's last pixel or span."""
 UV_SET_ROWS: Final = 2 + 2
-"""Rows of Spans for one set of texture coordinates."""
+"""Rows of SpanSums for one set of texture coordinates."""
 
 # Bits for the attributes that a mesh has.
 HAS_NORMALS: Final = 1
@@ -30,23 +28,23 @@ LAMBERT: Final = 1
 METALLIC_ROUGHNESS: Final = 2
 
 # Columns of ``vertices`` in ShadingInstance: one vector of float32 per vertex.
-V_POSITION: Final = 0  # 3 values
-V_NORMAL: Final = 3  # 3 values
-V_UV0: Final = 6  # 2 values
-V_COLUMNS: Final = 8
+VERTEX_POSITION: Final = 0  # 3 values
+VERTEX_NORMAL: Final = 3  # 3 values
+VERTEX_UV0: Final = 6  # 2 values
+VERTEX_COLUMNS: Final = LANES  # as vec.load_rows needs
 # Columns of ``extras`` in ShadingInstance, the attributes that few meshes have: one vector of float32 per vertex.
-E_TANGENT: Final = 0  # 4 values
-E_UV1: Final = 4  # 2 values
-E_COLUMNS: Final = 8
+EXTRA_TANGENT: Final = 0  # 4 values
+EXTRA_UV1: Final = 4  # 2 values
+EXTRA_COLUMNS: Final = LANES
 
 
 class ShadingInstance(Struct):
     topology: I64  # number of vertices of a primitive, see drawlist.Topology
     material: I64  # index of its ShadingMaterial
     indices: Pointer[U32]  # (M, topology)
-    vertices: Pointer[F32]  # (N, V_COLUMNS)
-    colors: Pointer[F32]  # (N, 4); null if the mesh has none
-    extras: Pointer[F32]  # (N, E_COLUMNS); null if the mesh has none of them
+    vertices: Pointer[F32]  # (N, VERTEX_COLUMNS)
+    colors: Pointer[F32]  # (N, 4); 0 if the mesh has none
+    extras: Pointer[F32]  # (N, EXTRA_COLUMNS); 0 if the mesh has none of them
     attributes: I64  # HAS_ bits of the mesh
 
 
@@ -55,13 +53,13 @@ class InstanceMatrices(Struct):
 
     normal: Pointer[F32] = inline(9)  # transforms normals to the optical frame, up to a positive factor
     tangent: Pointer[F32] = inline(9)  # transforms tangents to the optical frame, up to a positive factor
-    mirror: F32  # -1 if the instance's transform mirrors, else 1
+    mirror_sign: F32  # -1 if the instance's transform mirrors, else 1
 
 
 class ShadingMaterial(Struct):
     alpha_mode: I64  # ALPHA_ constant of materials
     lighting: I64  # UNLIT, LAMBERT or METALLIC_ROUGHNESS
-    gamma: I64  # headlight looks: 1 if the colour is linear and stored by gamma; 0 if it is stored as it is
+    stored_by_gamma: I64  # headlight looks: 1 if the colour is linear and stored by gamma; 0 if it is stored as it is
     vertex_colors: I64  # COLORS_ constant of materials
     uv_sets: I64  # bit 0: a texture reads uv0; bit 1: a texture reads uv1
     has_gradients: I64  # 1: shading reads uv_gradient
@@ -114,7 +112,7 @@ class ShadingInputs(Struct):
     cy: F64
     area_filter: I64  # 1: Look.area_filter
     has_points: I64  # 1: shading reads positions
-    has_flat_normals: I64  # 1: shading reads flat normals, and positions
+    has_flat_normals: I64  # 1: shading reads flat normals; only with has_points
     # Tables of ShadingScene.
     instances: ShadingInstance
     materials: ShadingMaterial
@@ -122,89 +120,83 @@ class ShadingInputs(Struct):
     linear_from_byte: Pointer[F32]  # color.LINEAR_FROM_BYTE
     linear_from_gamma: Pointer[F32]  # gamma.LINEAR_FROM_GAMMA
     span_offsets: Pointer[I32]  # spans.SPAN_OFFSETS
-    span_setup_kernel: Address  # span_setup.set_up_part
+    span_setup_kernel: Address  # span_setup.set_up_part_kernel
     sampling_kernel: Address  # sampling.sample_texture
 
 
-def _spans(rows: int) -> Any:
-    """Return the type of a field of Spans with this number of rows."""
-    return inline(rows * SPAN_STRIDE)
+def rows(count: int) -> Any:
+    """Return the type of a field that has this number of rows."""
+    return inline(count * ROW_STRIDE)
 
 
-def _pixels(rows: int) -> Any:
-    """Return the type of a field of ShadedPixels with this number of rows."""
-    return inline(rows * STRIDE)
+class SpanSums(Struct):
+    """Values that are linear along the spans of a part: rows of ROW_STRIDE float32, one value per span."""
 
-
-class Spans(Struct):
-    """Values that are linear along a span: rows of SPAN_STRIDE float32, one value per span."""
-
-    first_column: Pointer[F32] = _spans(1)  # image column of the first pixel
-    facing: Pointer[F32] = _spans(1)  # -1 where a back face is visible, else 1
-    # Weighted sums of the vertices' attributes. The first half of the rows holds them at the first pixel of the
-    # span, the second half their change per pixel.
-    weight_sum: Pointer[F32] = _spans(1 + 1)
-    normal: Pointer[F32] = _spans(3 + 3)  # optical frame
-    uv: Pointer[F32] = _spans(2 * UV_SET_ROWS)  # of the set uv0, then of uv1
-    color: Pointer[F32] = _spans(4 + 4)
-    tangent: Pointer[F32] = _spans(4 + 4)  # optical frame, and the sign of the bitangent
+    first_column: Pointer[F32] = rows(1)  # image column of the first pixel
+    facing: Pointer[F32] = rows(1)  # -1 where a back face is visible, else 1
+    # Weighted sums of the vertices' attributes: first all values at the first pixel, then all changes per pixel.
+    weight_sum: Pointer[F32] = rows(1 + 1)
+    normal: Pointer[F32] = rows(3 + 3)  # optical frame
+    uv: Pointer[F32] = rows(2 * UV_SET_ROWS)  # two values and two changes of uv0, then those of uv1
+    color: Pointer[F32] = rows(4 + 4)
+    tangent: Pointer[F32] = rows(4 + 4)  # optical frame, and the sign of the bitangent
     # Filled only if ShadingInputs has has_points: 1/depth, 1/m, at the first pixel, and its change per pixel.
-    inv_depth: Pointer[F32] = _spans(1 + 1)
-    # Filled if it has has_flat_normals or there are no HAS_NORMALS: unit normal of the triangle, towards the camera.
-    flat_normal: Pointer[F32] = _spans(3)
-    # Filled only if the ShadingMaterial has has_gradients. The first half of the rows holds the changes of the sums per
-    # column of the image, the second half those per row.
-    weight_sum_gradient: Pointer[F32] = _spans(1 + 1)
-    uv_gradient: Pointer[F32] = _spans(2 * UV_SET_ROWS)  # of the set uv0, then of uv1
+    inv_depth: Pointer[F32] = rows(1 + 1)
+    # Filled if ShadingInputs has has_flat_normals, or ``attributes`` of ShadingContext lacks HAS_NORMALS: unit normal
+    # of the triangle, towards the camera; 0 for lines and points.
+    flat_normal: Pointer[F32] = rows(3)
+    # Filled only if the ShadingMaterial has has_gradients: first all changes of the sums per column of the image, then
+    # all changes per row.
+    weight_sum_gradient: Pointer[F32] = rows(1 + 1)
+    uv_gradient: Pointer[F32] = rows(2 * UV_SET_ROWS)  # two changes per column and two per row of uv0, then of uv1
 
 
 class ShadedPixels(Struct):
-    """Attributes of pixels: rows of STRIDE float32, one value per pixel."""
+    """Attributes of pixels: rows of ROW_STRIDE float32, one value per pixel."""
 
-    normal: Pointer[F32] = _pixels(3)  # on the visible side, optical frame, any length
-    facing: Pointer[F32] = _pixels(1)  # -1 where a back face is visible, else 1
-    uv: Pointer[F32] = _pixels(2 * 2)  # uv0, uv1
-    color: Pointer[F32] = _pixels(4)  # vertex colour, RGBA
-    tangent: Pointer[F32] = _pixels(4)  # optical frame, any length; sign of the bitangent
+    normal: Pointer[F32] = rows(3)  # on the visible side, optical frame, any length
+    facing: Pointer[F32] = rows(1)  # -1 where a back face is visible, else 1
+    uv: Pointer[F32] = rows(2 * 2)  # uv0, uv1
+    color: Pointer[F32] = rows(4)  # vertex colour, RGBA
+    tangent: Pointer[F32] = rows(4)  # optical frame, any length; sign of the bitangent
     # Filled only if the ShadingMaterial has has_gradients:
-    uv_gradient: Pointer[F32] = _pixels(2 * 4)  # of uv0, then of uv1: du/dx, dv/dx, du/dy, dv/dy per pixel of the image
-    # Filled only if ShadingInputs has has_flat_normals: unit normal of the triangle, towards the camera.
-    flat_normal: Pointer[F32] = _pixels(3)
+    uv_gradient: Pointer[F32] = rows(2 * 4)  # of uv0, then of uv1: du/dx, dv/dx, du/dy, dv/dy per pixel of the image
+    # Filled only if ShadingInputs has has_flat_normals, as in SpanSums:
+    flat_normal: Pointer[F32] = rows(3)
     # Filled only if it has has_points: the visible point in the optical frame, metres.
-    point: Pointer[F32] = _pixels(3)
+    point: Pointer[F32] = rows(3)
     # Filled by ``material``:
-    base_color: Pointer[F32] = _pixels(4)  # and alpha
-    metallic_roughness: Pointer[F32] = _pixels(4)  # texture: roughness is the second channel, metallic the third
-    occlusion: Pointer[F32] = _pixels(4)  # texture: the first channel
-    emissive: Pointer[F32] = _pixels(4)  # texture
-    texel: Pointer[F32] = _pixels(4)  # any other texture
+    base_color: Pointer[F32] = rows(4)  # and alpha
+    metallic_roughness: Pointer[F32] = rows(4)  # texture: roughness is the second channel, metallic the third
+    occlusion: Pointer[F32] = rows(4)  # texture: the first channel
+    emissive: Pointer[F32] = rows(4)  # texture
+    sampled: Pointer[F32] = rows(4)  # any other texture, or what ``camera_light`` adds
     # Filled and read by ``sampling``, one texture after the other:
-    level: Pointer[I32] = inline(STRIDE)  # mip level; mip_levels.MAGNIFIED
-    next_weight: Pointer[F32] = _pixels(1)  # weight of the next mip level
-    sample_uv: Pointer[F32] = _pixels(2)  # texture coordinates, transformed and texels.wrapped
-    # For the pixel's mip level, then for the next one where its weight is not 0:
-    texel_offsets: Pointer[I32] = inline(
-        2 * 2 * STRIDE
-    )  # index in ShadingTexture.texels of the upper and the lower left texel
-    texel_weights: Pointer[F32] = _pixels(2 * 2)  # of the right and the lower texels
+    level: Pointer[I32] = inline(ROW_STRIDE)  # mip level, or mip_levels.MAGNIFIED
+    next_weight: Pointer[F32] = rows(1)  # weight of the next mip level
+    sample_uv: Pointer[F32] = rows(2)  # texture coordinates, transformed and texels.wrapped
+    # For the pixel's mip level, then for the next one where its weight is not 0. texel_offsets: index in
+    # ShadingTexture.texels of the upper and the lower left texel.
+    texel_offsets: Pointer[I32] = inline(2 * 2 * ROW_STRIDE)
+    texel_weights: Pointer[F32] = rows(2 * 2)  # of the right and the lower texels
 
 
 class ShadingContext(Struct):
     """What a thread shades a row with: the row's spans, the instance of a segment, and memory for one part of it."""
 
-    job: ShadingInputs
+    inputs: ShadingInputs
     y: I64  # row of the image
     columns: Address  # the pixels' image columns, int32; 0: pixel k is in column k
     # Spans of the row.
     start_bits: Pointer[I64]  # one bit per pixel, set where a span begins
     span_starts: Pointer[I32]  # first pixel of each span; after the last span, the number of pixels
     span_ids: Pointer[I32]  # primitive id of each span
-    row_ids: Pointer[I32]  # working memory of spans.find_spans: the pixels' primitive ids
+    padded_ids: Pointer[I32]  # working memory of spans.find_spans: primitive ids of the row's pixels
     # The part that is being shaded.
-    spans: Spans
+    span_sums: SpanSums
     pixels: ShadedPixels
     has_constant_normals: I64  # 1: the normal is constant along each of its spans
-    # Set by spans.next_segment.
+    # Set by spans.bind_next_segment.
     first_id: I64  # primitive id of the instance's first primitive
     end_id: I64  # after that of its last one
     instance: ShadingInstance

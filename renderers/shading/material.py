@@ -10,7 +10,7 @@ from renderers.compiler.device_function import device_function, inlined
 from renderers.compiler.kernel_types import I64
 from renderers.compiler.simd import F32x8
 from renderers.shading.gamma import decode_gamma
-from renderers.shading.layout import HAS_COLORS, HAS_TANGENTS, STRIDE, ShadedPixels, ShadingContext, ShadingMaterial
+from renderers.shading.layout import HAS_COLORS, HAS_TANGENTS, ROW_STRIDE, ShadedPixels, ShadingContext, ShadingMaterial
 from renderers.shading.materials import COLORS_DECODE, COLORS_REPLACE
 from renderers.shading.sampling import sample
 from renderers.shading.vec3 import cross, dot, load3, scale_to, select3, store3, times
@@ -29,7 +29,7 @@ def fill_base_color(context: ShadingContext, count: I64, alpha: bool) -> None:
     is_textured, is_colored = material.base_color_texture >= 0, context.attributes & HAS_COLORS != 0
     if is_textured:
         sample(context, material.base_color_texture, count, pixels.base_color, alpha)
-    rule, linear_from_gamma = material.vertex_colors, context.job.linear_from_gamma
+    rule, linear_from_gamma = material.vertex_colors, context.inputs.linear_from_gamma
     for k in range(4 if alpha else 3):
         if is_textured and not is_colored and material.base_color[k] == 1.0:
             continue
@@ -40,13 +40,13 @@ def fill_base_color(context: ShadingContext, count: I64, alpha: bool) -> None:
         for x in range(0, count, vec.LANES):
             value = factor
             if is_colored:
-                color = vec.load(pixels.color, k * STRIDE + x)
+                color = vec.load(pixels.color, k * ROW_STRIDE + x)
                 if decodes:
                     color = decode_gamma(color, linear_from_gamma)
                 value = value * color
             if is_textured:
-                value = value * vec.load(pixels.base_color, k * STRIDE + x)
-            vec.store(pixels.base_color, k * STRIDE + x, value)
+                value = value * vec.load(pixels.base_color, k * ROW_STRIDE + x)
+            vec.store(pixels.base_color, k * ROW_STRIDE + x, value)
 
 
 @device_function
@@ -83,25 +83,25 @@ def apply_normal_map(context: ShadingContext, count: I64) -> None:
     material, pixels = context.material, context.pixels
     if material.normal_texture < 0 or context.attributes & HAS_TANGENTS == 0:
         return
-    sample(context, material.normal_texture, count, pixels.texel, False)
-    mirror, strength = vec.f32(context.matrices.mirror), vec.f32(material.normal_scale)
+    sample(context, material.normal_texture, count, pixels.sampled, False)
+    mirror_sign, strength = vec.f32(context.matrices.mirror_sign), vec.f32(material.normal_scale)
     one, two, zero = vec.f32(1.0), vec.f32(2.0), vec.f32(0.0)
     for x in range(0, count, vec.LANES):
-        visible_normal = load3(pixels.normal, x, STRIDE)
+        visible_normal = load3(pixels.normal, x, ROW_STRIDE)
         visible_normal = times(visible_normal, scale_to(visible_normal, one))
         # The map is in the tangent frame of the front; a back face shows the reversed normal (glTF 3.9.6).
         facing = vec.load(pixels.facing, x)
         n = times(visible_normal, facing)
-        t = load3(pixels.tangent, x, STRIDE)
+        t = load3(pixels.tangent, x, ROW_STRIDE)
         n_t = dot(n, t)
         t = t[0] - n_t * n[0], t[1] - n_t * n[1], t[2] - n_t * n[2]
         scale = scale_to(t, one)
         is_valid = scale > zero
         t = times(t, scale)
         # The bitangent of a mirror image is the mirrored one.
-        handedness = vec.select(vec.load(pixels.tangent, 3 * STRIDE + x) * mirror >= zero, one, -one)
+        handedness = vec.select(vec.load(pixels.tangent, 3 * ROW_STRIDE + x) * mirror_sign >= zero, one, -one)
         b = cross(n, t)
-        texel = load3(pixels.texel, x, STRIDE)
+        texel = load3(pixels.sampled, x, ROW_STRIDE)
         along_t, along_b = (two * texel[0] - one) * strength, (two * texel[1] - one) * strength * handedness
         along_n = two * texel[2] - one
         normal = (
@@ -111,4 +111,4 @@ def apply_normal_map(context: ShadingContext, count: I64) -> None:
         )
         scale = scale_to(normal, facing)
         is_valid = is_valid & (scale != zero)
-        store3(pixels.normal, x, STRIDE, select3(is_valid, times(normal, scale), visible_normal))
+        store3(pixels.normal, x, ROW_STRIDE, select3(is_valid, times(normal, scale), visible_normal))

@@ -13,18 +13,18 @@ from renderers.color import srgb_colors_from_linear
 from renderers.compiler.pointers import address_of
 from renderers.drawlist import Mesh, used_vertices
 from renderers.shading.layout import (
-    E_COLUMNS,
-    E_TANGENT,
-    E_UV1,
+    EXTRA_COLUMNS,
+    EXTRA_TANGENT,
+    EXTRA_UV1,
     HAS_COLORS,
     HAS_NORMALS,
     HAS_TANGENTS,
     HAS_UV0,
     HAS_UV1,
-    V_COLUMNS,
-    V_NORMAL,
-    V_POSITION,
-    V_UV0,
+    VERTEX_COLUMNS,
+    VERTEX_NORMAL,
+    VERTEX_POSITION,
+    VERTEX_UV0,
 )
 from renderers.shading.mikktspace import with_tangents
 
@@ -36,11 +36,11 @@ class MeshBuffers:
     indices: NDArray[np.uint32]
     """(M, 1 | 2 | 3) indices into ``vertices``, whose order may differ from that of the mesh."""
     vertices: NDArray[np.float32]
-    """(N, V_COLUMNS) position, normal and first texture coordinates; 0 for attributes that the mesh lacks."""
+    """(N, VERTEX_COLUMNS) position, normal and first texture coordinates; 0 for attributes that the mesh lacks."""
     colors: NDArray[np.float32] | None
     """(N, 4); None if the mesh has none."""
     extras: NDArray[np.float32] | None
-    """(N, E_COLUMNS) tangent and second texture coordinates; None if the mesh lacks both."""
+    """(N, EXTRA_COLUMNS) tangent and second texture coordinates; None if the mesh lacks both."""
     attributes: int
     """HAS_ bits of ``layout``."""
 
@@ -115,10 +115,10 @@ def _interleave(mesh: Mesh, tangent_set: int, *, srgb_colors: bool) -> MeshBuffe
             attributes |= bit
             rows[:, column : column + array.shape[1]] = array[used]
 
-    vertices = np.zeros((count, V_COLUMNS), np.float32)
-    vertices[:, V_POSITION : V_POSITION + 3] = mesh.positions[used]
-    interleave(vertices, mesh.normals, V_NORMAL, HAS_NORMALS)
-    interleave(vertices, mesh.uv0, V_UV0, HAS_UV0)
+    vertices = np.zeros((count, VERTEX_COLUMNS), np.float32)
+    vertices[:, VERTEX_POSITION : VERTEX_POSITION + 3] = mesh.positions[used]
+    interleave(vertices, mesh.normals, VERTEX_NORMAL, HAS_NORMALS)
+    interleave(vertices, mesh.uv0, VERTEX_UV0, HAS_UV0)
     colors = mesh.colors
     if colors is not None:
         attributes |= HAS_COLORS
@@ -127,7 +127,7 @@ def _interleave(mesh: Mesh, tangent_set: int, *, srgb_colors: bool) -> MeshBuffe
     tangents = mesh.tangents if tangent_set >= 0 else None
     if mesh.uv1 is None and tangents is None:
         return MeshBuffers(indices, vertices, colors, None, attributes)
-    extras = np.zeros((count, E_COLUMNS), np.float32)
-    interleave(extras, mesh.uv1, E_UV1, HAS_UV1)
-    interleave(extras, tangents, E_TANGENT, HAS_TANGENTS)
+    extras = np.zeros((count, EXTRA_COLUMNS), np.float32)
+    interleave(extras, mesh.uv1, EXTRA_UV1, HAS_UV1)
+    interleave(extras, tangents, EXTRA_TANGENT, HAS_TANGENTS)
     return MeshBuffers(indices, vertices, colors, extras, attributes)

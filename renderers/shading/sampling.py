@@ -19,7 +19,7 @@ from renderers.compiler.kernel_types import F32, I32, I64, Address, Pointer, i64
 from renderers.compiler.pointers import address, advance, f32_at
 from renderers.compiler.simd import F32x8, F32x8x2, F32x8x4, F32x8x6
 from renderers.shading.area_filter import is_within_texel, sample_area, squared_sides
-from renderers.shading.layout import STRIDE, ShadedPixels, ShadingContext, ShadingTexture
+from renderers.shading.layout import ROW_STRIDE, ShadedPixels, ShadingContext, ShadingTexture
 from renderers.shading.mip_levels import MAGNIFIED, is_minified, mip_levels
 from renderers.shading.texels import TextureView, locate, read_texels, texels_of_level, texture_view, wrapped
 from renderers.shading.texture_table import MIPS_NONE
@@ -41,7 +41,7 @@ def _load_uv_transform(texture: ShadingTexture) -> F32x8x6:
 def _transformed_uv(uv_transform: F32x8x6, uv: Pointer[F32], x: I64) -> F32x8x2:
     """Return (u, v) of eight pixels, transformed; ``uv``: pointer to the two rows of a set in ShadedPixels."""
     a, b, c, d, e, f = uv_transform
-    u, v = vec.load(uv, x), vec.load(uv, STRIDE + x)
+    u, v = vec.load(uv, x), vec.load(uv, ROW_STRIDE + x)
     return a * u + b * v + c, d * u + e * v + f
 
 
@@ -53,17 +53,17 @@ def _transformed_gradient(uv_transform: F32x8x6, uv_gradient: Pointer[F32], x: I
         uv_gradient: pointer to the four rows of ShadedPixels for the texture's set of coordinates.
     """
     a, b, _, d, e, _ = uv_transform
-    du_dx, dv_dx = vec.load(uv_gradient, x), vec.load(uv_gradient, x + STRIDE)
-    du_dy, dv_dy = vec.load(uv_gradient, x + 2 * STRIDE), vec.load(uv_gradient, x + 3 * STRIDE)
+    du_dx, dv_dx = vec.load(uv_gradient, x), vec.load(uv_gradient, x + ROW_STRIDE)
+    du_dy, dv_dy = vec.load(uv_gradient, x + 2 * ROW_STRIDE), vec.load(uv_gradient, x + 3 * ROW_STRIDE)
     return a * du_dx + b * dv_dx, d * du_dx + e * dv_dx, a * du_dy + b * dv_dy, d * du_dy + e * dv_dy
 
 
 @inlined
 def _store_texel(rows: Pointer[F32], x: I64, rgba: F32x8x4, alpha: bool) -> None:
     """Store RGB, and A only if ``alpha``, in four rows of ShadedPixels."""
-    store3(rows, x, STRIDE, rgba)
+    store3(rows, x, ROW_STRIDE, rgba)
     if alpha:
-        vec.store(rows, 3 * STRIDE + x, rgba[3])
+        vec.store(rows, 3 * ROW_STRIDE + x, rgba[3])
 
 
 @inlined
@@ -128,7 +128,7 @@ def _select_levels(
         vec.store(pixels.level, x, level)
         vec.store(pixels.next_weight, x, next_weight)
         vec.store(pixels.sample_uv, x, wrapped(u, view.wrap_s))
-        vec.store(pixels.sample_uv, STRIDE + x, wrapped(v, view.wrap_t))
+        vec.store(pixels.sample_uv, ROW_STRIDE + x, wrapped(v, view.wrap_t))
     return any_is_between
 
 
@@ -141,7 +141,7 @@ def _any_between_levels(pixels: ShadedPixels, x: I64) -> bool:
 @inlined
 def _prefetch(texels: Pointer[I32], offsets: Pointer[I32], x: I64) -> None:
     """Prefetch the texels that ``locate`` has stored for eight pixels."""
-    for k in range(0, 2 * STRIDE, STRIDE):  # the rows of the upper and of the lower texels
+    for k in range(0, 2 * ROW_STRIDE, ROW_STRIDE):  # the rows of the upper and of the lower texels
         for lane in range(vec.LANES):
             vec.prefetch(texels, i64(offsets[k + x + lane]))
 
@@ -167,7 +167,7 @@ def _locate_in_levels(
             is_magnified = level < zero  # MAGNIFIED
             is_linear = (is_magnified & mag_linear) | (~is_magnified & min_linear)
             level = vec.minimum(vec.maximum(level, zero) + vec.i32(level_offset), last_level)
-            u, v = vec.load(pixels.sample_uv, x), vec.load(pixels.sample_uv, STRIDE + x)
+            u, v = vec.load(pixels.sample_uv, x), vec.load(pixels.sample_uv, ROW_STRIDE + x)
             locate(view, offsets, weights, x, level, is_linear, u, v)
             if prefetches:
                 _prefetch(view.texels, offsets, x)
@@ -195,8 +195,8 @@ def _mix_with_stored(rows: Pointer[F32], x: I64, rgba: F32x8x4, weight: F32x8) -
 
     Without ``alpha``, A is undefined and not stored.
     """
-    r, g, b = load3(rows, x, STRIDE)
-    a = vec.load(rows, 3 * STRIDE + x)
+    r, g, b = load3(rows, x, ROW_STRIDE)
+    a = vec.load(rows, 3 * ROW_STRIDE + x)
     return (
         r + weight * (rgba[0] - r),
         g + weight * (rgba[1] - g),
@@ -212,11 +212,11 @@ def sample(context: ShadingContext, index: I64, count: I64, rows: Pointer[F32], 
     Texel centres are at ((i + 0.5) / width, (j + 0.5) / height). Mip levels and areas need the rows ``uv_gradient``.
 
     Args:
-        index: index of the texture in the job's table.
+        index: index of the texture in ShadingInputs.textures.
         rows: pointer to four rows of ShadedPixels that are filled.
         alpha: True: fill the fourth row, too. Otherwise it is undefined.
     """
-    call_kernel(context.job.sampling_kernel, (address(context), index, count, address(rows), i64(alpha)))
+    call_kernel(context.inputs.sampling_kernel, (address(context), index, count, address(rows), i64(alpha)))
 
 
 @kernel
@@ -229,13 +229,13 @@ def sample_texture(context_address: Address, index: I64, count: I64, rows_addres
         has_alpha: ``alpha``, 1 or 0.
     """
     context, rows, alpha = ShadingContext(context_address), f32_at(rows_address), has_alpha != 0
-    job, pixels = context.job, context.pixels
-    texture = job.textures[index]
-    view = texture_view(texture, job.linear_from_byte)
-    uv = advance(pixels.uv, 2 * STRIDE * texture.uv_set)
-    uv_gradient = advance(pixels.uv_gradient, 4 * STRIDE * texture.uv_set)
+    inputs, pixels = context.inputs, context.pixels
+    texture = inputs.textures[index]
+    view = texture_view(texture, inputs.linear_from_byte)
+    uv = advance(pixels.uv, 2 * ROW_STRIDE * texture.uv_set)
+    uv_gradient = advance(pixels.uv_gradient, 4 * ROW_STRIDE * texture.uv_set)
     uv_transform = _load_uv_transform(texture)
-    if job.area_filter != 0 and context.material.has_gradients != 0:
+    if inputs.area_filter != 0 and context.material.has_gradients != 0:
         _sample_areas(texture, view, uv_transform, uv, uv_gradient, pixels, count, rows, alpha)
     else:
         # Loops of their own, which a processor overlaps better than one: the texels of all pixels are prefetched.

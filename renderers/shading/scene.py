@@ -23,7 +23,7 @@ from renderers.shading.layout import InstanceMatrices, ShadingInputs, ShadingIns
 from renderers.shading.materials import MaterialTable, drawn_material
 from renderers.shading.mesh_buffers import MeshBuffers, buffers_of
 from renderers.shading.sampling import sample_texture
-from renderers.shading.span_setup import set_up_part
+from renderers.shading.span_setup import set_up_part_kernel
 from renderers.shading.spans import SPAN_OFFSETS
 from renderers.shading.texture_table import TextureTable
 from renderers.shading.textures import texels_of
@@ -190,7 +190,7 @@ class ShadingJob:
             area_filter=area_filter,
             has_points=has_points,
             has_flat_normals=has_flat_normals,
-            span_setup_kernel=kernel_address(set_up_part),
+            span_setup_kernel=kernel_address(set_up_part_kernel),
             sampling_kernel=kernel_address(sample_texture),
             **shading.tables,
         )
@@ -226,10 +226,10 @@ def compute_instance_matrices(
             - X[1] * (X[4] * X[10] - X[6] * X[8])
             + X[2] * (X[4] * X[9] - X[5] * X[8])
         )
-        mirror = -1.0 if determinant < 0.0 else 1.0
-        matrices.mirror = 1.0 if inverts_mirrored != 0 else mirror
+        mirror_sign = -1.0 if determinant < 0.0 else 1.0
+        matrices.mirror_sign = 1.0 if inverts_mirrored != 0 else mirror_sign
         # cofactor(A) = det(A) A^-T: remove the determinant's sign (mirrored instances) and its magnitude.
-        scale = mirror / max_cofactor if max_cofactor > 0.0 else mirror
+        scale = mirror_sign / max_cofactor if max_cofactor > 0.0 else mirror_sign
         for row in range(3):
             for column in range(3):
                 matrices.normal[3 * row + column] = _cofactor(X, row, column) * scale

@@ -1,16 +1,17 @@
 """Set-up of spans: attributes of eight spans at a time, as linear functions of the pixel.
 
 In: the spans of a segment, each with its first pixel and the primitive that it sees, and the vertices of the mesh.
-Out: for each attribute and for the sum of the weights, two values a span, in rows of Spans:
+Out: rows of SpanSums. For each attribute and for the sum of the weights, two values a span:
 
     weighted sum
-        │            ·     start + change * (pixel - first pixel)
+        │            ·     start + per_pixel * (pixel - first pixel)
         │       ·
-        │  ·               start, change: sums of the attribute at the three vertices, weighted as ``span_weights`` says
+        │  ·               start, per_pixel: sums of the attribute at the three vertices, by the weights of these names
         └─────────────── pixels of the span
 
 Weighted attribute and sum of the weights are each linear in the pixel. ``interpolation`` divides one by the other, so
-that attributes are perspective-correct.
+that attributes are perspective-correct. Where they are read: 1/depth likewise, flat normals, and the changes of weights
+and texture coordinates per column and row of the image, for mip levels.
 """
 
 from __future__ import annotations
@@ -26,30 +27,30 @@ from renderers.compiler.kernel_types import F32, I64, U32, Address, Pointer, i64
 from renderers.compiler.pointers import address, advance, i32_at
 from renderers.compiler.simd import F32x8, F32x8x3, F32x8x4, F32x8x8, F64x8, F64x8x3, I32x8
 from renderers.shading.layout import (
-    E_TANGENT,
-    E_UV1,
+    EXTRA_TANGENT,
+    EXTRA_UV1,
     HAS_COLORS,
     HAS_NORMALS,
     HAS_TANGENTS,
     HAS_UV0,
     HAS_UV1,
-    SPAN_STRIDE,
+    ROW_STRIDE,
     UV_SET_ROWS,
-    V_COLUMNS,
-    V_NORMAL,
-    V_UV0,
+    VERTEX_COLUMNS,
+    VERTEX_NORMAL,
+    VERTEX_UV0,
     ShadingContext,
 )
 from renderers.shading.span_weights import TRIANGLES, Weights, inverse_depths, rays_of, scaled_weights, weight_matrix
 from renderers.shading.vec3 import cross, dot, minus, store3, times, to_f32x3, transform_directions, transform_points
 
-_E_BITANGENT_SIGN: Final = E_TANGENT + 3
+_BITANGENT_SIGN: Final = EXTRA_TANGENT + 3
 _COLOR_COLUMNS: Final = 4
 _ALL_LANES: Final = (1 << vec.LANES) - 1
 _PREFETCH_MIN_PRIMITIVES: Final = 1 << 16
 """Number of primitives from which an instance's vertices are prefetched: they have a megabyte or more."""
 Columns = TypeVar("Columns", F32x8x4, F32x8x8)
-"""Colours, or V_COLUMNS or E_COLUMNS values, of one vertex of each of eight primitives."""
+"""Colours, or VERTEX_COLUMNS or EXTRA_COLUMNS values, of one vertex of each of eight primitives."""
 
 
 class CornerAttributes(NamedTuple, Generic[Columns]):
@@ -62,7 +63,7 @@ class CornerAttributes(NamedTuple, Generic[Columns]):
 
 class CornerIndices(NamedTuple):
     """Indices of the three vertices of eight primitives: those of lane k are ``a[position[k]]``, ``b[position[k]]`` and
-    ``c[position[k]]``, where b and c point to later values of the same array."""
+    ``c[position[k]]``. Of triangles, b and c point one and two values after a, of lines both one, of points none."""
 
     a: Pointer[U32]
     b: Pointer[U32]
@@ -71,8 +72,8 @@ class CornerIndices(NamedTuple):
 
 
 @device_function
-def set_up_spans(context: ShadingContext, first_span: I64, part_end_span: I64, end_span: I64) -> bool:
-    """Fill Spans with the spans ``first_span .. part_end_span``, at most PART, of a segment.
+def set_up_part(context: ShadingContext, first_span: I64, part_end_span: I64, end_span: I64) -> bool:
+    """Fill SpanSums with the spans ``first_span .. part_end_span``, at most MAX_PART_PIXELS, of a segment.
 
     Args:
         end_span: of the segment; bounds what is prefetched.
@@ -80,20 +81,21 @@ def set_up_spans(context: ShadingContext, first_span: I64, part_end_span: I64, e
     Returns:
         True if the normal is constant along each span.
     """
-    call_kernel(context.job.span_setup_kernel, (address(context), first_span, part_end_span, end_span))
+    call_kernel(context.inputs.span_setup_kernel, (address(context), first_span, part_end_span, end_span))
     return context.has_constant_normals != 0
 
 
 @kernel
-def set_up_part(context_address: Address, first_span: I64, part_end_span: I64, end_span: I64) -> None:
-    """Kernel behind ``set_up_spans``, compiled once for all shaders; the result is ``has_constant_normals``."""
+def set_up_part_kernel(context_address: Address, first_span: I64, part_end_span: I64, end_span: I64) -> None:
+    """Kernel behind ``set_up_part``, compiled once for all looks; the result is ``has_constant_normals``."""
     context, has_constant_normals = ShadingContext(context_address), True
     prefetches = context.instance.topology == TRIANGLES and context.end_id - context.first_id > _PREFETCH_MIN_PRIMITIVES
     for span in range(first_span, part_end_span, vec.LANES):
         if prefetches:
             _prefetch(context, span, end_span)
-        count = min(part_end_span - span, vec.LANES)
-        has_constant_normals = _set_up_eight_spans(context, span, count, span - first_span) and has_constant_normals
+        span_count = min(part_end_span - span, vec.LANES)
+        is_constant = _set_up_eight_spans(context, span, span_count, span - first_span)
+        has_constant_normals = has_constant_normals and is_constant
     context.has_constant_normals = has_constant_normals
 
 
@@ -108,66 +110,65 @@ def _prefetch(context: ShadingContext, span: I64, end_span: I64) -> None:
     for k in range(min(span + 2 * vec.LANES, end_span), min(span + 3 * vec.LANES, end_span)):
         position = 3 * (i64(primitive_ids[k]) - first_id)
         for corner in range(3):
-            vec.prefetch(vertices, i64(indices[position + corner]) * V_COLUMNS)
+            vec.prefetch(vertices, i64(indices[position + corner]) * VERTEX_COLUMNS)
     for k in range(min(span + 4 * vec.LANES, end_span), min(span + 5 * vec.LANES, end_span)):
         vec.prefetch(indices, 3 * (i64(primitive_ids[k]) - first_id))
 
 
 @device_function
-def _set_up_eight_spans(context: ShadingContext, span: I64, count: I64, at: I64) -> bool:
-    """Set up ``count`` spans, 1 to 8, from ``span`` on: the eight values from ``at`` on of each row of Spans.
+def _set_up_eight_spans(context: ShadingContext, span: I64, span_count: I64, at: I64) -> bool:
+    """Set up 1 to 8 spans from ``span`` on: the eight values from ``at`` on of each row of SpanSums.
 
     Returns:
         True if the normal is constant along each span.
     """
-    spans, material, attributes = context.spans, context.material, context.attributes
+    sums, material, attributes = context.span_sums, context.material, context.attributes
     # Pixels and primitive. Lanes beyond the last span get its values: what follows it may belong to other instances.
-    lane = vec.minimum(vec.iota(), vec.i32(count - 1))
+    lane = vec.minimum(vec.iota(), vec.i32(span_count - 1))
     primitive_id = vec.permute(vec.load(context.span_ids, span), lane)
     first_pixel = vec.permute(vec.load(context.span_starts, span), lane)
     end_pixel = vec.permute(vec.load(context.span_starts, span + 1), lane)
-    pixel_steps = vec.to_f64(end_pixel - first_pixel - vec.i32(1))
+    step_count = vec.to_f64(end_pixel - first_pixel - vec.i32(1))
     first_column = first_pixel
     if context.columns != 0:
         first_column = vec.gather(i32_at(context.columns), first_pixel)
 
     # Vertices, in the camera's optical frame: x right, y down, z forward.
     corner_indices = _corner_indices(context, primitive_id)
-    corners = _load_eight_columns(context.instance.vertices, corner_indices)
-    p0 = transform_points(context.X_camera_mesh, corners.a)
-    p1 = transform_points(context.X_camera_mesh, corners.b)
-    p2 = transform_points(context.X_camera_mesh, corners.c)
+    corner_values = _load_eight_columns(context.instance.vertices, corner_indices)
+    p0 = transform_points(context.X_camera_mesh, corner_values.a)
+    p1 = transform_points(context.X_camera_mesh, corner_values.b)
+    p2 = transform_points(context.X_camera_mesh, corner_values.c)
 
     # Weights.
-    rays = rays_of(context.job, context.y, first_column, pixel_steps)
+    rays = rays_of(context.inputs, context.y, first_column, step_count)
     matrix, determinant, sign = weight_matrix(context.instance.topology, p0, p1, p2, rays)
-    weights = scaled_weights(matrix, sign, rays, pixel_steps, context.job)
+    weights = scaled_weights(matrix, sign, rays, step_count, context.inputs)
     # A positive determinant: the corners run clockwise as seen, so the back is visible, unless the transform mirrors.
-    mirror = vec.f32(context.matrices.mirror)
-    facing = vec.select(determinant > vec.f64(0.0), -mirror, mirror)
+    mirror_sign = vec.f32(context.matrices.mirror_sign)
+    facing = vec.select(determinant > vec.f64(0.0), -mirror_sign, mirror_sign)
 
     # Attributes that the mesh has and the material reads.
-    vec.store(spans.first_column, at, vec.to_f32(first_column))
-    vec.store(spans.facing, at, facing)
-    _store_weight_sums(advance(spans.weight_sum, at), weights.first, weights.per_pixel)
+    vec.store(sums.first_column, at, vec.to_f32(first_column))
+    vec.store(sums.facing, at, facing)
+    _store_weight_sums(advance(sums.weight_sum, at), weights.start, weights.per_pixel)
     has_constant_normals = True
     if attributes & HAS_NORMALS:
-        has_constant_normals = _store_normals(context, at, weights, corners, facing)
-    if not attributes & HAS_NORMALS or context.job.has_flat_normals != 0:
+        has_constant_normals = _store_normals(context, at, weights, corner_values, facing)
+    if not attributes & HAS_NORMALS or context.inputs.has_flat_normals != 0:
         _store_flat_normals(context, at, p0, p1, p2, sign)
     if attributes & HAS_UV0:
-        _store_attributes(advance(spans.uv, at), 2, weights.first, weights.per_pixel, corners, V_UV0)
-    if context.job.has_points != 0:
-        inv_depth, change_to_last = inverse_depths(matrix, determinant, sign, rays, (p0[2], p1[2], p2[2]))
-        vec.store(spans.inv_depth, at, vec.to_f32(inv_depth))
-        vec.store(
-            spans.inv_depth, SPAN_STRIDE + at, vec.to_f32(change_to_last / vec.maximum(pixel_steps, vec.f64(1.0)))
-        )
+        _store_attributes(advance(sums.uv, at), 2, weights.start, weights.per_pixel, corner_values, VERTEX_UV0)
+    if context.inputs.has_points != 0:
+        depths = p0[2], p1[2], p2[2]
+        inv_depth, per_pixel = inverse_depths(matrix, determinant, sign, rays, step_count, depths)
+        vec.store(sums.inv_depth, at, vec.to_f32(inv_depth))
+        vec.store(sums.inv_depth, ROW_STRIDE + at, vec.to_f32(per_pixel))
     if material.has_gradients != 0:
-        _store_gradients(context, at, weights, corners)
+        _store_gradients(context, at, weights, corner_values)
     if attributes & HAS_COLORS:
         colors = _load_colors(context.instance.colors, corner_indices)
-        _store_attributes(advance(spans.color, at), _COLOR_COLUMNS, weights.first, weights.per_pixel, colors, 0)
+        _store_attributes(advance(sums.color, at), _COLOR_COLUMNS, weights.start, weights.per_pixel, colors, 0)
     if attributes & (HAS_UV1 | HAS_TANGENTS):
         _store_extras(context, at, weights, _load_eight_columns(context.instance.extras, corner_indices))
     return has_constant_normals
@@ -203,72 +204,72 @@ def _load_colors(colors: Pointer[F32], corner_indices: CornerIndices) -> CornerA
 
 
 @inlined
-def _weighted_sum(weights: F32x8x3, corners: CornerAttributes[Columns], k: I64) -> F32x8:
+def _weighted_sum(weights: F32x8x3, corner_values: CornerAttributes[Columns], k: I64) -> F32x8:
     """Return the weighted sum of value ``k``."""
-    return weights[0] * corners.a[k] + weights[1] * corners.b[k] + weights[2] * corners.c[k]
+    return weights[0] * corner_values.a[k] + weights[1] * corner_values.b[k] + weights[2] * corner_values.c[k]
 
 
 @inlined
-def _weighted_sum3(weights: F32x8x3, corners: CornerAttributes[F32x8x8], k: I64) -> F32x8x3:
+def _weighted_sum3(weights: F32x8x3, corner_values: CornerAttributes[F32x8x8], k: I64) -> F32x8x3:
     """Return the weighted sums of the values k, k + 1 and k + 2."""
     return (
-        _weighted_sum(weights, corners, k),
-        _weighted_sum(weights, corners, k + 1),
-        _weighted_sum(weights, corners, k + 2),
+        _weighted_sum(weights, corner_values, k),
+        _weighted_sum(weights, corner_values, k + 1),
+        _weighted_sum(weights, corner_values, k + 2),
     )
 
 
 @inlined
 def _store_attributes(
     rows: Pointer[F32],
-    count: I64,
+    row_count: I64,
     weights: F32x8x3,
-    later_weights: F32x8x3,
-    corners: CornerAttributes[Columns],
+    next_weights: F32x8x3,
+    corner_values: CornerAttributes[Columns],
     first_value: I64,
 ) -> None:
-    """Store the sums of ``count`` values by ``weights`` in as many rows, those by ``later_weights`` in the next."""
-    for j in range(count):
-        vec.store(rows, j * SPAN_STRIDE, _weighted_sum(weights, corners, first_value + j))
-        vec.store(rows, (count + j) * SPAN_STRIDE, _weighted_sum(later_weights, corners, first_value + j))
+    """Store sums by ``weights`` in ``row_count`` rows, a value in each, those by ``next_weights`` in the next rows."""
+    for j in range(row_count):
+        vec.store(rows, j * ROW_STRIDE, _weighted_sum(weights, corner_values, first_value + j))
+        vec.store(rows, (row_count + j) * ROW_STRIDE, _weighted_sum(next_weights, corner_values, first_value + j))
 
 
 @inlined
-def _store_weight_sums(rows: Pointer[F32], weights: F32x8x3, later_weights: F32x8x3) -> None:
-    """Store the sum of ``weights`` in a row, and that of ``later_weights`` in the next one."""
+def _store_weight_sums(rows: Pointer[F32], weights: F32x8x3, next_weights: F32x8x3) -> None:
+    """Store the sum of ``weights`` in a row, and that of ``next_weights`` in the next one."""
     vec.store(rows, 0, weights[0] + weights[1] + weights[2])
-    vec.store(rows, SPAN_STRIDE, later_weights[0] + later_weights[1] + later_weights[2])
+    vec.store(rows, ROW_STRIDE, next_weights[0] + next_weights[1] + next_weights[2])
 
 
 @inlined
 def _store_normals(
-    context: ShadingContext, at: I64, weights: Weights, corners: CornerAttributes[F32x8x8], facing: F32x8
+    context: ShadingContext, at: I64, weights: Weights, corner_values: CornerAttributes[F32x8x8], facing: F32x8
 ) -> bool:
-    """Store the normals of vertices; return True if they are constant along each span. ``facing``: as Spans.facing."""
-    normals, matrix, k = advance(context.spans.normal, at), context.matrices.normal, V_NORMAL
-    a, b, c = corners.a, corners.b, corners.c
+    """Store sums of vertex normals, any length; return True if constant along spans. ``facing``: as in SpanSums."""
+    normals, matrix, k = advance(context.span_sums.normal, at), context.matrices.normal, VERTEX_NORMAL
+    a, b, c = corner_values.a, corner_values.b, corner_values.c
     is_same = (a[k] == b[k]) & (a[k + 1] == b[k + 1]) & (a[k + 2] == b[k + 2])
     is_same = is_same & (a[k] == c[k]) & (a[k + 1] == c[k + 1]) & (a[k + 2] == c[k + 2])
     is_constant = vec.movemask(is_same) == _ALL_LANES
     zero = vec.f32(0.0)
-    start, change = (a[k], a[k + 1], a[k + 2]), (zero, zero, zero)
+    start, per_pixel = (a[k], a[k + 1], a[k + 2]), (zero, zero, zero)
     if not is_constant:
-        start = _weighted_sum3(weights.first, corners, k)
-        change = _weighted_sum3(weights.per_pixel, corners, k)
-    store3(normals, 0, SPAN_STRIDE, times(transform_directions(matrix, start), facing))
-    store3(advance(normals, 3 * SPAN_STRIDE), 0, SPAN_STRIDE, times(transform_directions(matrix, change), facing))
+        start = _weighted_sum3(weights.start, corner_values, k)
+        per_pixel = _weighted_sum3(weights.per_pixel, corner_values, k)
+    store3(normals, 0, ROW_STRIDE, times(transform_directions(matrix, start), facing))
+    store3(advance(normals, 3 * ROW_STRIDE), 0, ROW_STRIDE, times(transform_directions(matrix, per_pixel), facing))
     return is_constant
 
 
 @inlined
 def _store_flat_normals(context: ShadingContext, at: I64, p0: F64x8x3, p1: F64x8x3, p2: F64x8x3, sign: F64x8) -> None:
-    """Store the unit normals of triangles; without HAS_NORMALS, in the rows of vertex normals, too.
+    """Store the unit normals of triangles, 0 for lines and points; without HAS_NORMALS also as vertex normals.
 
     Args:
         p0, p1, p2: vertices, metres, optical frame.
         sign: of ``weight_matrix``.
     """
-    spans, zero, one = context.spans, vec.f64(0.0), vec.f64(1.0)
+    sums, zero, one = context.span_sums, vec.f64(0.0), vec.f64(1.0)
     plane_normal = cross(minus(p1, p0), minus(p2, p0))
     length = vec.sqrt(dot(plane_normal, plane_normal))
     has_length = (length > zero) & (length < vec.f64(math.inf))
@@ -276,34 +277,36 @@ def _store_flat_normals(context: ShadingContext, at: I64, p0: F64x8x3, p1: F64x8
     scale = vec.select(has_length, (zero - sign) / vec.select(has_length, length, one), zero)
     normal = to_f32x3(times(plane_normal, scale))
     if not context.attributes & HAS_NORMALS:
-        store3(advance(spans.normal, at), 0, SPAN_STRIDE, normal)
+        store3(advance(sums.normal, at), 0, ROW_STRIDE, normal)
         no_change = vec.f32(0.0), vec.f32(0.0), vec.f32(0.0)
-        store3(advance(spans.normal, 3 * SPAN_STRIDE + at), 0, SPAN_STRIDE, no_change)
-    store3(advance(spans.flat_normal, at), 0, SPAN_STRIDE, normal)
+        store3(advance(sums.normal, 3 * ROW_STRIDE + at), 0, ROW_STRIDE, no_change)
+    store3(advance(sums.flat_normal, at), 0, ROW_STRIDE, normal)
 
 
-@device_function
-def _store_gradients(context: ShadingContext, at: I64, weights: Weights, corners: CornerAttributes[F32x8x8]) -> None:
-    """Store how the sum of the weights and the weighted sum of uv0 change per column and per row of the image."""
+@inlined
+def _store_gradients(
+    context: ShadingContext, at: I64, weights: Weights, corner_values: CornerAttributes[F32x8x8]
+) -> None:
+    """Store how the sums of the weights and of uv0 change per column and row of the image; uv1's: ``_store_extras``."""
     across, down = weights.per_column, weights.per_row
-    _store_weight_sums(advance(context.spans.weight_sum_gradient, at), across, down)
+    _store_weight_sums(advance(context.span_sums.weight_sum_gradient, at), across, down)
     if context.attributes & HAS_UV0:
-        _store_attributes(advance(context.spans.uv_gradient, at), 2, across, down, corners, V_UV0)
+        _store_attributes(advance(context.span_sums.uv_gradient, at), 2, across, down, corner_values, VERTEX_UV0)
 
 
 @inlined
 def _store_extras(context: ShadingContext, at: I64, weights: Weights, extras: CornerAttributes[F32x8x8]) -> None:
     """Store weighted sums of uv1 and of tangents."""
-    spans, uv1 = context.spans, UV_SET_ROWS * SPAN_STRIDE + at
+    sums, uv1_at = context.span_sums, UV_SET_ROWS * ROW_STRIDE + at
     if context.attributes & HAS_UV1:
-        _store_attributes(advance(spans.uv, uv1), 2, weights.first, weights.per_pixel, extras, E_UV1)
+        _store_attributes(advance(sums.uv, uv1_at), 2, weights.start, weights.per_pixel, extras, EXTRA_UV1)
         if context.material.has_gradients != 0:
             across, down = weights.per_column, weights.per_row
-            _store_attributes(advance(spans.uv_gradient, uv1), 2, across, down, extras, E_UV1)
+            _store_attributes(advance(sums.uv_gradient, uv1_at), 2, across, down, extras, EXTRA_UV1)
     if context.attributes & HAS_TANGENTS:
-        tangents = advance(spans.tangent, at)
-        _store_tangents(context, tangents, weights.first, extras)
-        _store_tangents(context, advance(tangents, 4 * SPAN_STRIDE), weights.per_pixel, extras)
+        tangents = advance(sums.tangent, at)
+        _store_tangents(context, tangents, weights.start, extras)
+        _store_tangents(context, advance(tangents, 4 * ROW_STRIDE), weights.per_pixel, extras)
 
 
 @inlined
@@ -311,6 +314,6 @@ def _store_tangents(
     context: ShadingContext, rows: Pointer[F32], weights: F32x8x3, extras: CornerAttributes[F32x8x8]
 ) -> None:
     """Store the weighted sums of tangents, in the optical frame, and of the signs of the bitangent."""
-    tangents = _weighted_sum3(weights, extras, E_TANGENT)
-    store3(rows, 0, SPAN_STRIDE, transform_directions(context.matrices.tangent, tangents))
-    vec.store(rows, 3 * SPAN_STRIDE, _weighted_sum(weights, extras, _E_BITANGENT_SIGN))
+    tangents = _weighted_sum3(weights, extras, EXTRA_TANGENT)
+    store3(rows, 0, ROW_STRIDE, transform_directions(context.matrices.tangent, tangents))
+    vec.store(rows, 3 * ROW_STRIDE, _weighted_sum(weights, extras, _BITANGENT_SIGN))

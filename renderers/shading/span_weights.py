@@ -28,7 +28,7 @@ TRIANGLES: Final = int(Topology.TRIANGLES)
 class Weights(NamedTuple):
     """Weights of the three vertices in eight spans, three f32x8 each."""
 
-    first: F32x8x3
+    start: F32x8x3
     """At the first pixel."""
     per_pixel: F32x8x3
     """Change from each pixel of the span to the next; 0 in spans of a single pixel."""
@@ -47,7 +47,7 @@ class Rays(NamedTuple):
 
 
 @inlined
-def rays_of(job: ShadingInputs, y: I64, first_column: I32x8, step_count: F64x8) -> Rays:
+def rays_of(inputs: ShadingInputs, y: I64, first_column: I32x8, step_count: F64x8) -> Rays:
     """Return the Rays of spans.
 
     Args:
@@ -55,9 +55,10 @@ def rays_of(job: ShadingInputs, y: I64, first_column: I32x8, step_count: F64x8) 
         first_column: column of the image of the first pixel.
         step_count: number of pixels after the first one.
     """
-    pixel_width, pixel_height = vec.f64(1.0 / job.fx), vec.f64(1.0 / job.fy)  # in the plane z = 1
-    first_x = (vec.to_f64(first_column) + vec.f64(0.5 - job.cx)) * pixel_width
-    return Rays(first_x=first_x, last_x=first_x + step_count * pixel_width, y=vec.f64(y + 0.5 - job.cy) * pixel_height)
+    pixel_width, pixel_height = vec.f64(1.0 / inputs.fx), vec.f64(1.0 / inputs.fy)  # in the plane z = 1
+    first_x = (vec.to_f64(first_column) + vec.f64(0.5 - inputs.cx)) * pixel_width
+    ray_y = vec.f64(y + 0.5 - inputs.cy) * pixel_height
+    return Rays(first_x=first_x, last_x=first_x + step_count * pixel_width, y=ray_y)
 
 
 @inlined
@@ -147,16 +148,21 @@ def _weights_at(matrix: tuple[F64x8x3, F64x8x3, F64x8x3], sign: F64x8, ray_x: F6
 
 @inlined
 def inverse_depths(
-    matrix: tuple[F64x8x3, F64x8x3, F64x8x3], determinant: F64x8, sign: F64x8, rays: Rays, depths: F64x8x3
+    matrix: tuple[F64x8x3, F64x8x3, F64x8x3],
+    determinant: F64x8,
+    sign: F64x8,
+    rays: Rays,
+    step_count: F64x8,
+    depths: F64x8x3,
 ) -> tuple[F64x8, F64x8]:
-    """Return 1/depth at the first pixel of spans, 1/m, and by how much it changes up to the last one.
+    """Return 1/depth at the first pixel of spans, 1/m, and its change per pixel.
 
     It is that of the primitive's plane, limited to those of the vertices. Where ``_weights_at`` limits weights, their
     sum gives another depth: with several samples per pixel, slivers are shaded as if they were many pixels away.
 
     Args:
         matrix, determinant, sign: from ``weight_matrix``.
-        rays: the Rays of the spans.
+        rays, step_count: as in ``rays_of``.
         depths: of the vertices, metres.
     """
     zero, one, infinity = vec.f64(0.0), vec.f64(1.0), vec.f64(math.inf)
@@ -176,12 +182,12 @@ def inverse_depths(
     first = vec.select(first == first, vec.maximum(vec.minimum(first, upper), lower), upper)
     last = vec.select(last == last, vec.maximum(vec.minimum(last, upper), lower), upper)
     change = last - first
-    return first, vec.select(vec.absolute(change) < infinity, change, zero)
+    return first, vec.select(vec.absolute(change) < infinity, change, zero) / vec.maximum(step_count, one)
 
 
 @inlined
 def scaled_weights(
-    matrix: tuple[F64x8x3, F64x8x3, F64x8x3], sign: F64x8, rays: Rays, step_count: F64x8, job: ShadingInputs
+    matrix: tuple[F64x8x3, F64x8x3, F64x8x3], sign: F64x8, rays: Rays, step_count: F64x8, inputs: ShadingInputs
 ) -> Weights:
     """Return the Weights.
 
@@ -190,7 +196,7 @@ def scaled_weights(
 
     Args:
         matrix, sign: from ``weight_matrix``.
-        rays, step_count, job: as in ``rays_of``.
+        rays, step_count, inputs: as in ``rays_of``.
     """
     zero, one, infinity = vec.f64(0.0), vec.f64(1.0), vec.f64(math.inf)
     first = _weights_at(matrix, sign, rays.first_x, rays.y)
@@ -201,9 +207,9 @@ def scaled_weights(
     step_scale = scale / vec.maximum(step_count, one)  # in spans of one pixel, last - first is 0
     third = vec.f64(1.0 / 3.0)  # weights that are not usable: the centroid
     # Infinite rows make these NaN, which ``sampling`` takes for a magnified texture.
-    x_scale, y_scale = scale * sign * vec.f64(1.0 / job.fx), scale * sign * vec.f64(1.0 / job.fy)
+    x_scale, y_scale = scale * sign * vec.f64(1.0 / inputs.fx), scale * sign * vec.f64(1.0 / inputs.fy)
     return Weights(
-        first=to_f32x3(select3(is_usable, times(first, scale), (third, third, third))),
+        start=to_f32x3(select3(is_usable, times(first, scale), (third, third, third))),
         per_pixel=to_f32x3(select3(is_usable, times(minus(last, first), step_scale), (zero, zero, zero))),
         per_column=to_f32x3((matrix[0][0] * x_scale, matrix[1][0] * x_scale, matrix[2][0] * x_scale)),
         per_row=to_f32x3((matrix[0][1] * y_scale, matrix[1][1] * y_scale, matrix[2][1] * y_scale)),

@@ -1,10 +1,10 @@
-"""Spans: up to PART neighbouring pixels of a row that see one primitive. Segments: neighbouring spans of one instance.
+"""Spans: neighbouring pixels of a row that see one primitive. Segments: neighbouring spans of one instance.
 
-primitive ids   7 7 7 7 3 3 9 9 9 . . 7     instance A has the ids 0 to 8, B those from 9 on; PART is 4 here
-start bits      1 0 0 0 1 0 1 0 1 1 0 1     ``find_spans``: the id differs from the one before, or a PART-th pixel
+primitive ids   7 7 7 7 3 3 9 9 9 . . 7     instance A has the ids 0 to 8, B those from 9 on; MAX_PART_PIXELS is 4 here
+start bits      1 0 0 0 1 0 1 0 1 1 0 1     ``find_spans``: the id differs from the one before, or a pixel 0, 4, 8, ...
 spans           |7      |3  |9  |9|.  |7
-segments        |A          |B    |   |A    ``next_segment``, which binds an instance and its material
-parts           |       |   |   | |   |     ``next_part``: at most PART pixels are shaded at a time; cuts at multiples
+segments        |A          |B    |   |A    ``bind_next_segment`` selects the segment's instance and material
+parts           |       |   |   | |   |     ``next_part``: segments are cut at pixels 4, 8, ..., and shaded part by part
 """
 
 from __future__ import annotations
@@ -25,30 +25,30 @@ from renderers.shading.layout import (
     HAS_TANGENTS,
     HAS_UV0,
     HAS_UV1,
-    PART,
+    MAX_PART_PIXELS,
     UNLIT,
     ShadedPixels,
     ShadingContext,
     ShadingInputs,
-    Spans,
+    SpanSums,
 )
 
 NO_PRIMITIVE: Final = -1
 """Primitive id of pixels that see the background."""
 _ID_BEYOND_ROW: Final = -(2**31)
 """Id of pixels beyond the row; differs from every primitive id and from NO_PRIMITIVE."""
-_WORD: Final = 64
+_PIXELS_PER_WORD: Final = 64
 """Pixels whose start bits are one int64."""
-assert PART % _WORD == 0  # multiples of PART begin a word, so that one bit there begins a span
+assert MAX_PART_PIXELS % _PIXELS_PER_WORD == 0  # so that every MAX_PART_PIXELS-th pixel has the first bit of a word
 _ALL_BITS: Final = -1
 _HIGHEST_BIT: Final = -(2**63)
 
 
 class NextSegment(NamedTuple):
-    """A segment that ``next_segment`` has found."""
+    """A segment that ``bind_next_segment`` has found."""
 
     end_span: I64
-    """The span after it."""
+    """Index of the span after its last one."""
     instance_index: I64
     """Index of the instance that it sees; for the background, that of the segment before."""
     is_background: bool
@@ -56,30 +56,35 @@ class NextSegment(NamedTuple):
 
 
 class PartEnd(NamedTuple):
-    """End of a part of a segment."""
+    """Indices in the row after the last pixel and the last span of a part."""
 
-    end_pixel: I64
-    end_span: I64
+    part_end: I64
+    part_end_span: I64
 
 
 def _span_offsets() -> NDArray[np.int32]:
-    starts = np.arange(128)[:, None] >> np.arange(7) & 1
+    starts = (np.arange(128)[:, None] >> np.arange(7)) & 1
     return np.ascontiguousarray(np.pad(np.cumsum(starts, axis=1), ((0, 0), (1, 0))), np.int32)
 
 
 SPAN_OFFSETS: Final = _span_offsets()
-"""(128, 8): for eight pixels, the index of each pixel's span, counted from the first pixel's span. Its first index has
-the start bits of pixels 1 to 7: bit k - 1 is that of pixel k."""
+"""(128, 8): the index of each of eight pixels' spans, counted from that of pixel 0. The row of the table is the number
+whose bits 0 to 6 are the start bits of pixels 1 to 7."""
 
 
 @device_function
-def begin_rows(context: ShadingContext, job: ShadingInputs, width: I64, spans: Spans, pixels: ShadedPixels) -> None:
-    """Give a ShadingContext its working memory for rows of at most ``width`` pixels; ``end_rows`` frees it."""
-    max_spans = width + 4 * vec.LANES  # a span has a pixel at least; vectors are accessed whole
-    context.job, context.spans, context.pixels = job, spans, pixels
-    context.start_bits = i64_at(allocate(8 * (width // _WORD + 3)))
-    context.span_starts, context.span_ids = i32_at(allocate(4 * max_spans)), i32_at(allocate(4 * max_spans))
-    context.row_ids = i32_at(allocate(4 * (width + _WORD + 2 * vec.LANES)))
+def begin_rows(
+    context: ShadingContext, inputs: ShadingInputs, max_pixels: I64, span_sums: SpanSums, pixels: ShadedPixels
+) -> None:
+    """Give a ShadingContext its working memory for rows of at most ``max_pixels``; ``end_rows`` frees it."""
+    context.inputs, context.span_sums, context.pixels = inputs, span_sums, pixels
+    # ``interpolation`` reads the word of the pixel after the last one, and the next word.
+    context.start_bits = i64_at(allocate(8 * (max_pixels // _PIXELS_PER_WORD + 2)))
+    # As many spans as pixels at most, and the vector that ``find_spans`` stores after them.
+    context.span_starts = i32_at(allocate(4 * (max_pixels + vec.LANES)))
+    context.span_ids = i32_at(allocate(4 * (max_pixels + vec.LANES)))
+    # The padding of ``_pad_ids``: a vector before the row, and a word's pixels after it.
+    context.padded_ids = i32_at(allocate(4 * (vec.LANES + max_pixels + _PIXELS_PER_WORD)))
 
 
 @device_function
@@ -88,67 +93,67 @@ def end_rows(context: ShadingContext) -> None:
     release(address(context.start_bits))
     release(address(context.span_starts))
     release(address(context.span_ids))
-    release(address(context.row_ids))
+    release(address(context.padded_ids))
 
 
 @device_function
-def find_spans(context: ShadingContext, y: I64, columns: Address, pixel_ids: Pointer[I32], width: I64) -> I64:
+def find_spans(context: ShadingContext, y: I64, columns: Address, pixel_ids: Pointer[I32], pixel_count: I64) -> I64:
     """Find the spans of a row of pixels; return their number.
 
-    A span also begins at every PART-th pixel of the row, so that the parts of a segment are whole spans, and float32 is
-    accurate along a span.
+    A span also begins at every MAX_PART_PIXELS-th pixel of the row, so that the parts of a segment are whole spans, and
+    float32 is accurate along a span.
 
     Args:
         columns: as in ShadingContext. If it is not 0, each pixel is a span of its own.
-        pixel_ids: primitive ids of ``width`` pixels, NO_PRIMITIVE for none.
+        pixel_ids: primitive ids of ``pixel_count`` pixels, NO_PRIMITIVE for none.
     """
     context.y, context.columns = y, columns
-    _copy_ids(context.row_ids, pixel_ids, width)
-    count = i64(0)
-    for x in range(0, width, _WORD):
-        bits = i64(_ALL_BITS) if columns != 0 else _start_bits(context.row_ids, x)
-        context.start_bits[x // _WORD] = bits
-        if width - x < _WORD:
-            bits &= (i64(1) << (width - x)) - 1
-        _append_spans(context, x, bits, count)
-        count += vec.count_bits(bits)
-    # Beyond the row: a word of start bits, and ``width`` as the start of one more span, where the last one ends.
-    context.start_bits[(width + _WORD - 1) // _WORD] = _ALL_BITS
-    vec.store(context.span_starts, count, vec.i32(width))
-    return count
+    _pad_ids(context.padded_ids, pixel_ids, pixel_count)
+    span_count = i64(0)
+    for first_pixel in range(0, pixel_count, _PIXELS_PER_WORD):
+        bits = i64(_ALL_BITS) if columns != 0 else _start_bits(context.padded_ids, first_pixel)
+        context.start_bits[first_pixel // _PIXELS_PER_WORD] = bits
+        if pixel_count - first_pixel < _PIXELS_PER_WORD:
+            bits &= (i64(1) << (pixel_count - first_pixel)) - 1
+        _append_spans(context, first_pixel, bits, span_count)
+        span_count += vec.count_bits(bits)
+    # ``interpolation`` also reads the bits of pixels after the row's last, in lanes whose results are not used.
+    context.start_bits[(pixel_count + _PIXELS_PER_WORD - 1) // _PIXELS_PER_WORD] = _ALL_BITS
+    vec.store(context.span_starts, span_count, vec.i32(pixel_count))  # where the last span ends
+    return span_count
 
 
 @inlined
-def _copy_ids(row_ids: Pointer[I32], pixel_ids: Pointer[I32], width: I64) -> None:
-    """Copy a row's primitive ids, with a vector of _ID_BEYOND_ROW before them, and a word and a vector of it behind."""
-    vec.store(row_ids, 0, vec.i32(_ID_BEYOND_ROW))
-    ids = advance(row_ids, vec.LANES)
-    for x in range(width):
-        ids[x] = pixel_ids[x]
-    for x in range(width, width + _WORD + vec.LANES, vec.LANES):
-        vec.store(ids, x, vec.i32(_ID_BEYOND_ROW))
+def _pad_ids(padded_ids: Pointer[I32], pixel_ids: Pointer[I32], pixel_count: I64) -> None:
+    """Copy a row's primitive ids, with a vector of _ID_BEYOND_ROW before them, and _PIXELS_PER_WORD of it after."""
+    vec.store(padded_ids, 0, vec.i32(_ID_BEYOND_ROW))
+    ids = advance(padded_ids, vec.LANES)
+    for k in range(pixel_count):
+        ids[k] = pixel_ids[k]
+    for k in range(pixel_count, pixel_count + _PIXELS_PER_WORD, vec.LANES):
+        vec.store(ids, k, vec.i32(_ID_BEYOND_ROW))
 
 
 @inlined
-def _start_bits(row_ids: Pointer[I32], x: I64) -> I64:
-    """Return a bit for each of the _WORD pixels from ``x`` on, set where a span begins: the pixel before differs."""
-    ids, ids_before = advance(row_ids, vec.LANES), advance(row_ids, vec.LANES - 1)
-    bits = i64(x % PART == 0)
-    for k in range(0, _WORD, vec.LANES):
-        bits |= vec.movemask(vec.load(ids, x + k) != vec.load(ids_before, x + k)) << k
+def _start_bits(padded_ids: Pointer[I32], first_pixel: I64) -> I64:
+    """Return a word of start bits: a bit for each pixel from ``first_pixel`` on, set where the id before differs."""
+    ids, ids_before = advance(padded_ids, vec.LANES), advance(padded_ids, vec.LANES - 1)
+    bits = i64(first_pixel % MAX_PART_PIXELS == 0)
+    for k in range(0, _PIXELS_PER_WORD, vec.LANES):
+        bits |= vec.movemask(vec.load(ids, first_pixel + k) != vec.load(ids_before, first_pixel + k)) << k
     return bits
 
 
 @inlined
-def _append_spans(context: ShadingContext, x: I64, bits: I64, count: I64) -> None:
-    """Append the spans that begin where bits are set, in the _WORD pixels from ``x`` on, to the ``count`` found so far.
+def _append_spans(context: ShadingContext, first_pixel: I64, bits: I64, span_count: I64) -> None:
+    """Append the spans of a word of start bits, the first of which is ``first_pixel``'s, to the ``span_count`` before.
 
     Eight at a time, since a branch per span would be unpredictable. What is stored beyond the last span is never used.
     """
-    ids, starts, span_ids = advance(context.row_ids, vec.LANES), context.span_starts, context.span_ids
-    for first in range(count, count + vec.count_bits(bits), vec.LANES):
+    ids, starts, span_ids = advance(context.padded_ids, vec.LANES), context.span_starts, context.span_ids
+    for first in range(span_count, span_count + vec.count_bits(bits), vec.LANES):
         for k in range(first, first + vec.LANES):
-            start = x + vec.lowest_bit(bits | _HIGHEST_BIT)  # lowest_bit of 0 is undefined
+            start = first_pixel + vec.lowest_bit(bits | _HIGHEST_BIT)  # lowest_bit of 0 is undefined
             starts[k], span_ids[k] = start, ids[start]
             bits &= bits - 1
 
@@ -162,35 +167,33 @@ def next_part(context: ShadingContext, span: I64, begin: I64, end: I64) -> PartE
         begin: index in the row of the part's first pixel.
         end: index after the segment's last pixel.
     """
-    end_span, part_end = span, min(end, (begin & -PART) + PART)
-    for x in range(begin & -_WORD, part_end, _WORD):
-        bits = context.start_bits[x // _WORD]
-        if x < begin:
-            bits &= i64(_ALL_BITS) << (begin - x)
-        if part_end - x < _WORD:
-            bits &= (i64(1) << (part_end - x)) - 1
-        end_span += vec.count_bits(bits)
-    return PartEnd(part_end, end_span)
+    part_end, part_end_span = min(end, (begin & -MAX_PART_PIXELS) + MAX_PART_PIXELS), span
+    for first_pixel in range(begin & -_PIXELS_PER_WORD, part_end, _PIXELS_PER_WORD):
+        bits = context.start_bits[first_pixel // _PIXELS_PER_WORD]
+        if first_pixel < begin:
+            bits &= i64(_ALL_BITS) << (begin - first_pixel)
+        if part_end - first_pixel < _PIXELS_PER_WORD:
+            bits &= (i64(1) << (part_end - first_pixel)) - 1
+        part_end_span += vec.count_bits(bits)
+    return PartEnd(part_end, part_end_span)
 
 
 @device_function
-def next_segment(context: ShadingContext, span: I64, span_count: I64, instance_index: I64) -> NextSegment:
-    """Bind the instance that a span sees, and find the end of its segment.
+def bind_next_segment(context: ShadingContext, span: I64, span_count: I64, instance_index: I64) -> NextSegment:
+    """Find the end of the segment that begins with a span, and bind its instance: set it in the ShadingContext.
 
     Args:
         span: index of the segment's first span in the row.
         span_count: number of spans of the row.
         instance_index: that of the instance that is tried first.
     """
-    job, span_ids = context.job, context.span_ids
+    inputs, span_ids = context.inputs, context.span_ids
     primitive_id = i64(span_ids[span])
-    first_id, end_id = (
-        i64(NO_PRIMITIVE),
-        i64(NO_PRIMITIVE + 1),
-    )  # the background counts as an instance with this id alone
+    # The background counts as an instance with this id alone.
+    first_id, end_id = i64(NO_PRIMITIVE), i64(NO_PRIMITIVE + 1)
     is_background = primitive_id < 0
     if not is_background:
-        instance_index = instance_of(job.first_ids, job.instance_count, primitive_id, instance_index)
+        instance_index = instance_of(inputs.first_ids, inputs.instance_count, primitive_id, instance_index)
         _bind_instance(context, instance_index)
         first_id, end_id = context.first_id, context.end_id
     for first in range(span, span_count, vec.LANES):
@@ -204,13 +207,13 @@ def next_segment(context: ShadingContext, span: I64, span_count: I64, instance_i
 @device_function
 def _bind_instance(context: ShadingContext, index: I64) -> None:
     """Set the fields of a ShadingContext that depend on the instance, given by its index in the draw list."""
-    job = context.job
-    instance = job.instances[index]
-    material = job.materials[instance.material]
-    context.first_id, context.end_id = job.first_ids[index], job.first_ids[index + 1]
+    inputs = context.inputs
+    instance = inputs.instances[index]
+    material = inputs.materials[instance.material]
+    context.first_id, context.end_id = inputs.first_ids[index], inputs.first_ids[index + 1]
     context.instance, context.material = instance, material
-    context.matrices = job.matrices[index]
-    context.X_camera_mesh = advance(job.X_camera_mesh, 16 * index)
+    context.matrices = inputs.matrices[index]
+    context.X_camera_mesh = advance(inputs.X_camera_mesh, 16 * index)
     read_attributes = HAS_COLORS
     if material.lighting != UNLIT:
         read_attributes |= HAS_NORMALS

@@ -22,7 +22,7 @@ from renderers.compiler.device_function import inlined
 from renderers.compiler.kernel_types import F32, I32, I64, Pointer
 from renderers.compiler.pointers import advance
 from renderers.compiler.simd import F32x8, F32x8x4, I32x8, Mask8
-from renderers.shading.layout import STRIDE, ShadedPixels, ShadingTexture
+from renderers.shading.layout import ROW_STRIDE, ShadedPixels, ShadingTexture
 from renderers.shading.texture_table import WRAP_CLAMP, WRAP_MIRROR, WRAP_REPEAT
 
 _MAX_COORDINATE: Final = np.float32(1e9)
@@ -82,7 +82,7 @@ def texels_of_level(pixels: ShadedPixels, k: I64) -> tuple[Pointer[I32], Pointer
     Returns:
         offsets: pointer to two rows of ``texel_offsets``. weights: pointer to two rows of ``texel_weights``.
     """
-    return advance(pixels.texel_offsets, 2 * STRIDE * k), advance(pixels.texel_weights, 2 * STRIDE * k)
+    return advance(pixels.texel_offsets, 2 * ROW_STRIDE * k), advance(pixels.texel_weights, 2 * ROW_STRIDE * k)
 
 
 @inlined
@@ -198,9 +198,9 @@ def locate(
     row, next_row, ty = _texel_rows(t, view.wrap_t, height, is_linear)
     column, stride = column + first_column, vec.i32(view.stride)
     vec.store(offsets, x, (first_row + row) * stride + column)
-    vec.store(offsets, STRIDE + x, (first_row + next_row) * stride + column)
+    vec.store(offsets, ROW_STRIDE + x, (first_row + next_row) * stride + column)
     vec.store(weights, x, tx)
-    vec.store(weights, STRIDE + x, ty)
+    vec.store(weights, ROW_STRIDE + x, ty)
 
 
 @inlined
@@ -237,17 +237,17 @@ def read_texels(view: TextureView, offsets: Pointer[I32], weights: Pointer[F32],
         view, offsets, weights: as in ``locate``.
         alpha: True: read alpha. Otherwise it is 1.
     """
-    tx, ty = vec.load(weights, x), vec.load(weights, STRIDE + x)
+    tx, ty = vec.load(weights, x), vec.load(weights, ROW_STRIDE + x)
     if view.srgb:
         upper = vec.decode_pairs(view.linear_from_byte, view.texels, offsets, x)
-        lower = vec.decode_pairs(view.linear_from_byte, view.texels, offsets, STRIDE + x)
+        lower = vec.decode_pairs(view.linear_from_byte, view.texels, offsets, ROW_STRIDE + x)
         red = _bilinear(upper[0], upper[3], lower[0], lower[3], tx, ty)
         green = _bilinear(upper[1], upper[4], lower[1], lower[4], tx, ty)
         blue = _bilinear(upper[2], upper[5], lower[2], lower[5], tx, ty)
         if not alpha:
             return red, green, blue, vec.f32(1.0)
     a, b = vec.load_pairs(view.texels, offsets, x)
-    c, d = vec.load_pairs(view.texels, offsets, STRIDE + x)
+    c, d = vec.load_pairs(view.texels, offsets, ROW_STRIDE + x)
     if not view.srgb:
         red = _unit_channel(a, b, c, d, tx, ty, 0)
         green = _unit_channel(a, b, c, d, tx, ty, 1)

@@ -32,7 +32,7 @@ class HeadlightInputs(Struct):
     gamma_from_linear: Pointer[F32]  # gamma.GAMMA_FROM_LINEAR
     has_camera_light: I64  # 1: ``camera_light`` replaces the headlight on metallic-roughness materials
     camera_light: CameraLightInputs
-    lamp_share: Pointer[F32]  # (height, width + 8), see Frame; null: not wanted
+    lamp_share: Pointer[F32]  # (height, width + 8), see Frame; 0: not wanted
     key_factor: Pointer[F32]  # likewise
     light: Pointer[F32]  # likewise
     columns: I64  # address of (rows, stride) int32: image columns of the ids; 0: id k is in column k

@@ -21,8 +21,7 @@ from renderers.shading.interpolation import pixel_columns
 from renderers.shading.layout import (
     LAMBERT,
     METALLIC_ROUGHNESS,
-    SPAN_STRIDE,
-    STRIDE,
+    ROW_STRIDE,
     UNLIT,
     ShadedPixels,
     ShadingContext,
@@ -49,7 +48,7 @@ def _base_color(material: ShadingMaterial, pixels: ShadedPixels, has_rows: bool,
         has_rows: True if the rows ``base_color`` are filled, False if all pixels have the material's factor.
     """
     if has_rows:
-        return load3(pixels.base_color, x, STRIDE)
+        return load3(pixels.base_color, x, ROW_STRIDE)
     return broadcast3(material.base_color, 0)
 
 
@@ -74,7 +73,7 @@ def _store_pixels(
     if direct:
         write_pixels(job, gamma, packed_row, begin + x, rgb[0], rgb[1], rgb[2])
     else:
-        store3(pixels.base_color, x, STRIDE, rgb)
+        store3(pixels.base_color, x, ROW_STRIDE, rgb)
 
 
 @inlined
@@ -89,7 +88,7 @@ def _light_images(job: HeadlightInputs, context: ShadingContext, begin: I64) -> 
 
 @inlined
 def _row_of(job: HeadlightInputs, image: Pointer[F32], context: ShadingContext, begin: I64) -> Pointer[F32]:
-    """Return a pointer to the row's pixel ``begin`` of an image; null if it is not wanted."""
+    """Return a pointer to the row's pixel ``begin`` of an image; 0 if it is not wanted."""
     if address(image) == 0 or job.mode == GATHER:
         return f32_at(0)
     return advance(image, context.y * (job.width + vec.LANES) + begin)
@@ -101,7 +100,7 @@ def _shade_unlit(
 ) -> None:
     """Show the base colour."""
     direct, material, pixels = job.mode == DIRECT, context.material, context.pixels
-    gamma = material.gamma != 0
+    gamma = material.stored_by_gamma != 0
     lamp_share = _row_of(job, job.lamp_share, context, begin)
     for x in range(0, count, vec.LANES):
         _store_pixels(job, pixels, gamma, direct, packed_row, begin, x, _base_color(material, pixels, has_rows, x))
@@ -122,7 +121,7 @@ def _shade_lambert(
     """Show the base colour times ``_headlight_cosine`` (Lambert)."""
     direct, material, pixels = job.mode == DIRECT, context.material, context.pixels
     for x in range(0, count, vec.LANES):
-        cosine = _headlight_cosine(load3(pixels.normal, x, STRIDE))
+        cosine = _headlight_cosine(load3(pixels.normal, x, ROW_STRIDE))
         color = times(_base_color(material, pixels, has_rows, x), cosine)
         _store_pixels(job, pixels, False, direct, packed_row, begin, x, color)
 
@@ -130,19 +129,19 @@ def _shade_lambert(
 @inlined
 def _light_by_headlight(context: ShadingContext, begin: I64, count: I64) -> None:
     """Replace the rows ``normal`` by what ``vtk_reflected`` reads: n . l, the specular term and Schlick's factor."""
-    material, pixels, columns, shading_job = context.material, context.pixels, context.columns, context.job
-    center_offset, inv_fx = vec.f32(0.5 - shading_job.cx), vec.f32(1.0 / shading_job.fx)
-    ray_y = vec.f32((context.y + 0.5 - shading_job.cy) / shading_job.fy)
+    material, pixels, columns, inputs = context.material, context.pixels, context.columns, context.inputs
+    center_offset, inv_fx = vec.f32(0.5 - inputs.cx), vec.f32(1.0 / inputs.fx)
+    ray_y = vec.f32((context.y + 0.5 - inputs.cy) / inputs.fy)
     roughness_factor, has_roughness_map = vec.f32(material.roughness), material.metallic_roughness_texture >= 0
     for x in range(0, count, vec.LANES):
         column = pixel_columns(columns, begin + x)
-        normal = load3(pixels.normal, x, STRIDE)
+        normal = load3(pixels.normal, x, ROW_STRIDE)
         n_l, n_v, v_l = headlight_cosines(normal, (vec.to_f32(column) + center_offset) * inv_fx, ray_y)
         roughness = roughness_factor
         if has_roughness_map:
-            roughness = roughness * vec.load(pixels.metallic_roughness, STRIDE + x)
+            roughness = roughness * vec.load(pixels.metallic_roughness, ROW_STRIDE + x)
         n_l, specular = vtk_specular(n_l, n_v, v_l, roughness)
-        store3(pixels.normal, x, STRIDE, (n_l, specular, schlick(v_l)))
+        store3(pixels.normal, x, ROW_STRIDE, (n_l, specular, schlick(v_l)))
 
 
 @device_function
@@ -164,24 +163,24 @@ def _shade_pbr(
     emissive_factor = broadcast3(material.emissive, 0)
     direct = job.mode == DIRECT
     for x in range(0, count, vec.LANES):
-        n_l, specular, fresnel = load3(pixels.normal, x, STRIDE)
+        n_l, specular, fresnel = load3(pixels.normal, x, ROW_STRIDE)
         metallic = metallic_factor
         if has_roughness_map:
-            metallic = metallic * vec.load(pixels.metallic_roughness, 2 * STRIDE + x)
+            metallic = metallic * vec.load(pixels.metallic_roughness, 2 * ROW_STRIDE + x)
         diffuse, f0, f90_minus_f0 = vtk_colors(_base_color(material, pixels, has_rows, x), metallic)
         unoccluded = vec.f32(1.0)
         if not has_camera_light:
             unoccluded = unoccluded_share(material, pixels, x)
         emitted = emissive_factor
         if has_emissive_map:
-            emitted = multiply3(emissive_factor, load3(pixels.emissive, x, STRIDE))
+            emitted = multiply3(emissive_factor, load3(pixels.emissive, x, ROW_STRIDE))
         rgb = (
             vtk_reflected(n_l, specular, fresnel, diffuse[0], f0[0], f90_minus_f0[0]) * unoccluded + emitted[0],
             vtk_reflected(n_l, specular, fresnel, diffuse[1], f0[1], f90_minus_f0[1]) * unoccluded + emitted[1],
             vtk_reflected(n_l, specular, fresnel, diffuse[2], f0[2], f90_minus_f0[2]) * unoccluded + emitted[2],
         )
         if has_camera_light:
-            red, green, blue = load3(pixels.texel, x, STRIDE)
+            red, green, blue = load3(pixels.sampled, x, ROW_STRIDE)
             rgb = (
                 rgb[0] + red * (diffuse[0] + f0[0] * inv_pi),
                 rgb[1] + green * (diffuse[1] + f0[1] * inv_pi),
@@ -205,13 +204,13 @@ def fill_spans(
     """Write the spans ``span .. part_end_span``, each of one colour.
 
     The segment is ``is_uniform_lambert`` and has constant normals along each span, as walls, floors and meshes without
-    normals have. ``set_up_spans`` has filled Spans.
+    normals have. ``set_up_part`` has filled SpanSums.
     """
-    base_color, normals = broadcast3(context.material.base_color, 0), context.spans.normal
+    base_color, normals = broadcast3(context.material.base_color, 0), context.span_sums.normal
     span_starts = context.span_starts
     colors = _colors()
     for first in range(span, part_end_span, vec.LANES):
-        r, g, b = times(base_color, _headlight_cosine(load3(normals, first - span, SPAN_STRIDE)))
+        r, g, b = times(base_color, _headlight_cosine(load3(normals, first - span, ROW_STRIDE)))
         vec.store(colors, 0, packed(job, r, g, b))
         for k in range(min(part_end_span - first, vec.LANES)):
             color = vec.i32(i64(colors[k]))
@@ -221,7 +220,7 @@ def fill_spans(
 
 @inlined
 def shade(job: HeadlightInputs, context: ShadingContext, begin: I64, end: I64, packed_row: Pointer[I32]) -> None:
-    """Shade the pixels ``begin .. end``, at most PART, whose attributes are the first values of ShadedPixels.
+    """Shade the pixels ``begin .. end`` of a part, whose attributes are the first values of ShadedPixels.
 
     In the mode ``DIRECT`` they are stored in ``packed_row``, with up to seven further ones. In the other modes, colour
     and alpha are stored in the rows ``base_color``.

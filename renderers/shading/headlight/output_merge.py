@@ -14,7 +14,7 @@ from renderers.compiler.pointers import advance
 from renderers.compiler.simd import F32x8, I32x8
 from renderers.shading.gamma import byte_from_unit, decode_gamma, encode_gamma
 from renderers.shading.headlight.layout import DIRECT, UNDER, HeadlightInputs
-from renderers.shading.layout import STRIDE, ShadingContext
+from renderers.shading.layout import ROW_STRIDE, ShadingContext
 from renderers.shading.level_cells import encoded_pixels
 from renderers.shading.materials import ALPHA_BLEND, ALPHA_MASK
 from renderers.shading.vec3 import load3, saturate
@@ -77,11 +77,11 @@ def gather(job: HeadlightInputs, context: ShadingContext, begin: I64, end: I64) 
     """
     gathered, channel_size = _gathered_row(job, context.y)
     pixels, alpha_mode, cutoff = context.pixels, context.material.alpha_mode, context.material.alpha_cutoff
-    gamma = context.material.gamma != 0
+    gamma = context.material.stored_by_gamma != 0
     zero, one, lane = vec.f32(0.0), vec.f32(1.0), vec.iota()
     for x in range(begin, end, vec.LANES):
         transmittance = vec.load_volatile(gathered, 3 * channel_size + x)
-        alpha = vec.load(pixels.base_color, 3 * STRIDE + x - begin)
+        alpha = vec.load(pixels.base_color, 3 * ROW_STRIDE + x - begin)
         if alpha_mode == ALPHA_BLEND:
             alpha = vec.select(alpha == alpha, saturate(alpha), one)  # NaN is opaque
         elif alpha_mode == ALPHA_MASK:
@@ -92,7 +92,7 @@ def gather(job: HeadlightInputs, context: ShadingContext, begin: I64, end: I64) 
         is_added = (lane < vec.i32(end - x)) & (share > zero)
         for k in range(3):
             color = vec.load_volatile(gathered, k * channel_size + x)
-            added = share * _encoded(job, gamma, vec.load(pixels.base_color, k * STRIDE + x - begin))
+            added = share * _encoded(job, gamma, vec.load(pixels.base_color, k * ROW_STRIDE + x - begin))
             vec.store(gathered, k * channel_size + x, vec.select(is_added, color + added, color))
         vec.store(gathered, 3 * channel_size + x, vec.select(is_added, transmittance * (one - alpha), transmittance))
 
@@ -101,7 +101,7 @@ def gather(job: HeadlightInputs, context: ShadingContext, begin: I64, end: I64) 
 def _beneath(
     job: HeadlightInputs, gathered: Pointer[F32], channel_size: I64, x: I64, r: F32x8, g: F32x8, b: F32x8
 ) -> I32x8:
-    """Return packed pixels of colours, blended behind the gathered layers."""
+    """Return the row's pixels x .. x + 8, packed, of colours blended behind the gathered layers."""
     transmittance = vec.load(gathered, 3 * channel_size + x)
     return packed(
         job,
@@ -115,9 +115,9 @@ def _beneath(
 def write_under(job: HeadlightInputs, context: ShadingContext, begin: I64, end: I64, packed_row: Pointer[I32]) -> None:
     """Write the row's pixels ``begin .. end``, blended behind the gathered layers; see ``gather``."""
     gathered, channel_size = _gathered_row(job, context.y)
-    pixels, gamma = context.pixels, context.material.gamma != 0
+    pixels, gamma = context.pixels, context.material.stored_by_gamma != 0
     for x in range(begin, end, vec.LANES):
-        r, g, b = load3(pixels.base_color, x - begin, STRIDE)
+        r, g, b = load3(pixels.base_color, x - begin, ROW_STRIDE)
         r, g, b = _encoded(job, gamma, r), _encoded(job, gamma, g), _encoded(job, gamma, b)
         vec.store(packed_row, x, _beneath(job, gathered, channel_size, x, r, g, b))
 

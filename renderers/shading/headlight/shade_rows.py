@@ -11,10 +11,10 @@ from renderers.shading.headlight.layout import GATHER, UNDER, HeadlightInputs
 from renderers.shading.headlight.lighting import fill_spans, is_uniform_lambert, shade
 from renderers.shading.headlight.output_merge import gather, write_background, write_under
 from renderers.shading.interpolation import interpolate
-from renderers.shading.layout import ShadedPixels, ShadingContext, Spans
+from renderers.shading.layout import ShadedPixels, ShadingContext, SpanSums
 from renderers.shading.packed_rows import write_packed_row
-from renderers.shading.span_setup import set_up_spans
-from renderers.shading.spans import begin_rows, end_rows, find_spans, next_part, next_segment
+from renderers.shading.span_setup import set_up_part
+from renderers.shading.spans import begin_rows, bind_next_segment, end_rows, find_spans, next_part
 
 
 @inlined
@@ -23,13 +23,13 @@ def _shade_segment(
 ) -> None:
     """Shade the spans ``first_span .. end_span``, of the selected instance.
 
-    It is done in parts of at most PART pixels, whose attributes stay in the first-level cache.
+    It is done in parts of at most MAX_PART_PIXELS pixels, whose attributes stay in the first-level cache.
     """
     starts, is_uniform, span = context.span_starts, is_uniform_lambert(job, context), first_span
     begin, end = i64(starts[first_span]), i64(starts[end_span])
     while begin < end:
         part_end, part_end_span = next_part(context, span, begin, end)
-        has_constant_normals = set_up_spans(context, span, part_end_span, end_span)
+        has_constant_normals = set_up_part(context, span, part_end_span, end_span)
         if has_constant_normals and is_uniform:
             fill_spans(job, context, span, part_end_span, packed_row)
         else:
@@ -64,7 +64,7 @@ def shade_rows(job_address: Address, ids_address: Address, row_begin: I64, row_e
     row_pixels = job.width + vec.LANES  # stores overrun a row by up to seven pixels
     own_row = i32_at(allocate(4 * row_pixels))
     context = ShadingContext()
-    begin_rows(context, job.shading, job.width, Spans(), ShadedPixels())
+    begin_rows(context, job.shading, job.width, SpanSums(), ShadedPixels())
     span_starts, instance_index = context.span_starts, i64(0)
     for y in range(row_begin, row_end):
         id_count, columns = _ids_of_row(job, y)
@@ -76,7 +76,7 @@ def shade_rows(job_address: Address, ids_address: Address, row_begin: I64, row_e
         span_count = find_spans(context, y, columns, ids, id_count)
         span = i64(0)
         while span < span_count:
-            end_span, instance_index, is_background = next_segment(context, span, span_count, instance_index)
+            end_span, instance_index, is_background = bind_next_segment(context, span, span_count, instance_index)
             if is_background:
                 write_background(job, y, i64(span_starts[span]), i64(span_starts[end_span]), packed_row)
             else:

@@ -7,7 +7,7 @@ from typing import Final
 from renderers.compiler import simd as vec
 from renderers.compiler.device_function import device_function
 from renderers.compiler.kernel_types import I64
-from renderers.shading.layout import STRIDE, UNLIT, ShadedPixels, ShadingContext, ShadingMaterial
+from renderers.shading.layout import ROW_STRIDE, UNLIT, ShadedPixels, ShadingContext, ShadingMaterial
 from renderers.shading.material import apply_normal_map, fill_base_color, sample_maps, unoccluded_share
 from renderers.shading.materials import ALPHA_MASK, ALPHA_OPAQUE
 from renderers.shading.sampling import sample
@@ -42,8 +42,8 @@ def fill_surfaces(context: ShadingContext, fill: I64, count: I64, surfaces: Stud
             return False
     if material.lighting == UNLIT:
         for x in range(0, count, vec.LANES):
-            r, g, b = load3(pixels.base_color, x, STRIDE)
-            store3(surfaces.emitted, first + x, STRIDE, (saturate(r), saturate(g), saturate(b)))
+            r, g, b = load3(pixels.base_color, x, ROW_STRIDE)
+            store3(surfaces.emitted, first + x, ROW_STRIDE, (saturate(r), saturate(g), saturate(b)))
         return False
     sample_maps(context, count)
     apply_normal_map(context, count)
@@ -60,7 +60,7 @@ def _fill_alpha(
     """Fill the row ``alpha`` according to the material's alpha mode."""
     zero, one = vec.f32(0.0), vec.f32(1.0)
     for x in range(0, count, vec.LANES):
-        alpha = vec.load(pixels.base_color, 3 * STRIDE + x)
+        alpha = vec.load(pixels.base_color, 3 * ROW_STRIDE + x)
         if material.alpha_mode == ALPHA_OPAQUE:
             alpha = one
         elif material.alpha_mode == ALPHA_MASK:
@@ -75,10 +75,10 @@ def _fill_geometry(pixels: ShadedPixels, count: I64, surfaces: StudioSurfaces, f
     """Fill the rows ``normal``, ``point`` and ``flat_normal``."""
     one = vec.f32(1.0)
     for x in range(0, count, vec.LANES):
-        normal = load3(pixels.normal, x, STRIDE)
-        store3(surfaces.normal, first + x, STRIDE, times(normal, scale_to(normal, one)))
-        store3(surfaces.point, first + x, STRIDE, load3(pixels.point, x, STRIDE))
-        store3(surfaces.flat_normal, first + x, STRIDE, load3(pixels.flat_normal, x, STRIDE))
+        normal = load3(pixels.normal, x, ROW_STRIDE)
+        store3(surfaces.normal, first + x, ROW_STRIDE, times(normal, scale_to(normal, one)))
+        store3(surfaces.point, first + x, ROW_STRIDE, load3(pixels.point, x, ROW_STRIDE))
+        store3(surfaces.flat_normal, first + x, ROW_STRIDE, load3(pixels.flat_normal, x, ROW_STRIDE))
 
 
 @device_function
@@ -88,20 +88,20 @@ def _fill_metallic_roughness(
     """Fill the rows ``base_color``, ``metallic``, ``roughness``, ``unoccluded`` and ``emitted``."""
     zero = vec.f32(0.0)
     for x in range(0, count, vec.LANES):
-        r, g, b = load3(pixels.base_color, x, STRIDE)
+        r, g, b = load3(pixels.base_color, x, ROW_STRIDE)
         base = vec.maximum(r, zero), vec.maximum(g, zero), vec.maximum(b, zero)
-        store3(surfaces.base_color, first + x, STRIDE, base)
+        store3(surfaces.base_color, first + x, ROW_STRIDE, base)
         metallic, roughness = vec.f32(material.metallic), vec.f32(material.roughness)
         if material.metallic_roughness_texture >= 0:
-            roughness = roughness * vec.load(pixels.metallic_roughness, STRIDE + x)
-            metallic = metallic * vec.load(pixels.metallic_roughness, 2 * STRIDE + x)
+            roughness = roughness * vec.load(pixels.metallic_roughness, ROW_STRIDE + x)
+            metallic = metallic * vec.load(pixels.metallic_roughness, 2 * ROW_STRIDE + x)
         vec.store(surfaces.metallic, first + x, saturate(metallic))
         vec.store(surfaces.roughness, first + x, saturate(roughness))
         vec.store(surfaces.unoccluded, first + x, unoccluded_share(material, pixels, x))
         emitted = broadcast3(material.emissive, 0)
         if material.emissive_texture >= 0:
-            emitted = multiply3(emitted, load3(pixels.emissive, x, STRIDE))
-        store3(surfaces.emitted, first + x, STRIDE, emitted)
+            emitted = multiply3(emitted, load3(pixels.emissive, x, ROW_STRIDE))
+        store3(surfaces.emitted, first + x, ROW_STRIDE, emitted)
 
 
 @device_function
@@ -116,21 +116,21 @@ def _fill_dielectric(
     """Fill the rows ``f0`` and ``f90`` (KHR_materials_ior, KHR_materials_specular)."""
     one, reflectance = vec.f32(1.0), vec.f32(material.reflectance)
     if material.specular_texture >= 0:
-        sample(context, material.specular_texture, count, pixels.texel, True)
+        sample(context, material.specular_texture, count, pixels.sampled, True)
     for x in range(0, count, vec.LANES):
         f90 = vec.f32(material.specular)
         if material.specular_texture >= 0:
-            f90 = f90 * vec.load(pixels.texel, 3 * STRIDE + x)
+            f90 = f90 * vec.load(pixels.sampled, 3 * ROW_STRIDE + x)
         vec.store(surfaces.f90, first + x, f90)
     if material.specular_color_texture >= 0:
-        sample(context, material.specular_color_texture, count, pixels.texel, False)
+        sample(context, material.specular_color_texture, count, pixels.sampled, False)
     for x in range(0, count, vec.LANES):
         tint, f90 = broadcast3(material.specular_color, 0), vec.load(surfaces.f90, first + x)
         if material.specular_color_texture >= 0:
-            tint = multiply3(tint, load3(pixels.texel, x, STRIDE))
+            tint = multiply3(tint, load3(pixels.sampled, x, ROW_STRIDE))
         f0 = (
             vec.minimum(reflectance * tint[0], one) * f90,
             vec.minimum(reflectance * tint[1], one) * f90,
             vec.minimum(reflectance * tint[2], one) * f90,
         )
-        store3(surfaces.f0, first + x, STRIDE, f0)
+        store3(surfaces.f0, first + x, ROW_STRIDE, f0)

@@ -17,9 +17,9 @@ from renderers.compiler.pointers import address, advance, allocate, f32_at, i32_
 from renderers.compiler.structs import Struct
 from renderers.msaa import SampleBand
 from renderers.shading.interpolation import interpolate, pixel_columns
-from renderers.shading.layout import PART, STRIDE, ShadedPixels, ShadingContext, Spans
-from renderers.shading.span_setup import set_up_spans
-from renderers.shading.spans import begin_rows, end_rows, find_spans, next_part, next_segment
+from renderers.shading.layout import MAX_PART_PIXELS, ROW_STRIDE, ShadedPixels, ShadingContext, SpanSums
+from renderers.shading.span_setup import set_up_part
+from renderers.shading.spans import begin_rows, bind_next_segment, end_rows, find_spans, next_part
 from renderers.shading.studio.layout import (
     StudioEdgeShader,
     StudioInputs,
@@ -53,7 +53,7 @@ class _StudioRow(Struct):
     weights: Pointer[U8]  # samples (of 8) that see each pixel's surface; read only if the segment has columns
 
 
-_new_columns = stack_array(I32, STRIDE)
+_new_columns = stack_array(I32, ROW_STRIDE)
 _SURFACES_VALUES: Final = StudioSurfaces.nbytes // 4
 
 
@@ -72,7 +72,7 @@ def _blend_one(
     if mode == BENEATH:
         share *= max(f32(1.0) - accumulated[3 * channel_size + x], f32(0.0))
     for c in range(3):
-        accumulated[c * channel_size + x] += share * color[c * STRIDE + k]
+        accumulated[c * channel_size + x] += share * color[c * ROW_STRIDE + k]
     accumulated[3 * channel_size + x] += share
 
 
@@ -99,7 +99,7 @@ def _blend(row: _StudioRow, color: Pointer[F32], begin: I64, end: I64) -> None:
             share = share * vec.maximum(one - coverage, zero)
         for c in range(3):
             old = vec.load(accumulated, c * channel_size + x)
-            added = share * vec.load(color, c * STRIDE + k)
+            added = share * vec.load(color, c * ROW_STRIDE + k)
             vec.store(accumulated, c * channel_size + x, old + vec.select(in_range, added, zero))
         vec.store(accumulated, 3 * channel_size + x, coverage + vec.select(in_range, share, zero))
 
@@ -145,9 +145,9 @@ def _gather(job: StudioInputs, context: ShadingContext, row: _StudioRow, span: I
     while begin < end:
         part_end, part_end_span = next_part(context, span, begin, end)
         count = part_end - begin
-        if row.gathered + count > PART:
+        if row.gathered + count > MAX_PART_PIXELS:
             _light_and_blend(job, row)
-        set_up_spans(context, span, part_end_span, end_span)
+        set_up_part(context, span, part_end_span, end_span)
         interpolate(context, begin, part_end)
         _fill_columns(context, row, begin, part_end)
         first = row.gathered
@@ -186,7 +186,7 @@ def _shade_row(
     span_count = find_spans(context, y, columns, ids, count)
     span = i64(0)
     while span < span_count:
-        end_span, instance_index, is_background = next_segment(context, span, span_count, instance_index)
+        end_span, instance_index, is_background = bind_next_segment(context, span, span_count, instance_index)
         if not is_background:
             _gather(job, context, row, span, end_span)
         span = end_span
@@ -246,7 +246,7 @@ def shade_rows(
     if mode == EDGES:
         max_pixels = max(width, band.max_entries)
     context, row, surfaces = ShadingContext(), _StudioRow(), StudioSurfaces()
-    begin_rows(context, job.shading, max_pixels, Spans(), ShadedPixels())
+    begin_rows(context, job.shading, max_pixels, SpanSums(), ShadedPixels())
     row.mode, row.channel_size, row.gathered = mode, channel_size, 0
     _clear(f32_at(address(surfaces)), _SURFACES_VALUES)  # loops overrun the gathered surfaces
     own_row, packed_row = f32_at(allocate(4 * 4 * channel_size)), i32_at(allocate(4 * channel_size))

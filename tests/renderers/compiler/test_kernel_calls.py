@@ -32,7 +32,7 @@ def test_calling_a_kernel_by_address() -> None:
     for call in (compute_instance_matrices, lambda *arguments: _call(kernel_at, *arguments)):
         matrices = np.zeros(2, InstanceMatrices.dtype)
         call(points.ctypes.data, matrices.ctypes.data, 2, 0)
-        assert matrices["mirror"].tolist() == [1.0, -1.0]
+        assert matrices["mirror_sign"].tolist() == [1.0, -1.0]
         filled.append(matrices)
     assert (filled[0] == filled[1]).all()
 
