@@ -1,7 +1,7 @@
 """Coverage of small triangles, up to 64 x 128 pixels, in one band.
 
     1. ``find_small_spans``: the span of covered columns in each row, eight rows at a time, one per lane;
-    2. the blocks of eight columns and four rows that have any covered pixel;
+    2. ``_block_masks``: the blocks of eight columns and four rows that have any covered pixel;
     3. ``draw_small``: the depth test of these blocks, a row of eight pixels at a time.
 
           columns  0      7 8     15
@@ -12,10 +12,11 @@
         rows 4..7 |        |###     |
                   +--------+--------+
 
-In a row, each of the three edge functions is e + c de at column c, counted from the box's first. It *limits* the
-covered columns on one side, at q = -e / de. As q is never an integer, floor(q + 1) is the first
-covered column if the limit is on the left, and the end, the column after the last covered one, if it is on the right.
-``_limit_by_edge`` says why float32 is exact here.
+In a row, each of the three edge functions is e + c de at column c, counted from the box's first. With dx = de >> 8 and
+edge_value = (e >> 8) + 1/2, column c is inside where edge_value + c dx > 0. So the edge *limits* the covered columns on
+one side, at q = -edge_value / dx, which is never an integer: floor(q + 1) is the first covered column if the limit is
+on the left, and the end, the column after the last covered one, if it is on the right. ``_limit_by_edge`` says why
+float32 is exact here.
 """
 
 from __future__ import annotations
@@ -44,13 +45,13 @@ from renderers.visibility_buffer import BAND_ROWS
 _BLOCK_ROWS: Final = 4
 _GROUP_ROWS: Final = vec.LANES
 """Rows whose spans are found at a time: two rows of blocks."""
-_BLOCKS_PER_MASK_ROW: Final = 8
-"""Blocks of a block row in a mask of SmallTriangleSpans.block_masks: a byte."""
-_GROUP_BITS: Final = 2 * _BLOCKS_PER_MASK_ROW
+_BITS_PER_BLOCK_ROW: Final = 8
+"""Bits of one block row in a mask of SmallTriangleSpans.block_masks: a byte, for eight blocks."""
+_BITS_PER_GROUP: Final = 2 * _BITS_PER_BLOCK_ROW
 """Bits of a group's two block rows in a mask. Four groups are a band."""
 _LOG2_BLOCK_COLUMNS: Final = vec.LANES.bit_length() - 1
 """``column >> _LOG2_BLOCK_COLUMNS`` is the block of a column."""
-assert MAX_SMALL_WIDTH // vec.LANES < 2 * _BLOCKS_PER_MASK_ROW
+assert MAX_SMALL_WIDTH // vec.LANES < 2 * _BITS_PER_BLOCK_ROW
 assert BAND_ROWS == 4 * _GROUP_ROWS
 # Two vectors have all fields of a SmallTriangle: the first ends with ``kind``, the second begins with ``edge1_dy``.
 assert (SMALL_FIELDS.kind, SMALL_FIELDS.edge1_dy) == (vec.LANES - 1, vec.LANES)
@@ -61,27 +62,27 @@ class SmallTriangleSpans(Struct):
 
     triangle: SmallTriangle
     row_inv_z: Pointer[F32] = inline(BAND_ROWS)  # of each row: 1/z at the box's first column
-    row_first_column_in_box: Pointer[I32] = inline(BAND_ROWS)  # first covered column, counted from the box's first
+    row_begin_in_box: Pointer[I32] = inline(BAND_ROWS)  # first covered column, counted from the box's first
     row_column_count: Pointer[I32] = inline(BAND_ROWS)
     # Masks of the blocks with any covered column. Byte r of the first one: blocks 0 to 7 of block row r, from the left,
     # in bits 0 to 7. Byte r of the second: block 8, since a box that is not aligned touches up to nine.
     block_masks: Pointer[I64] = inline(2)
     first_group_row: I64  # first row of the first group, in the image
     row_count: I64  # within the band
-    first_block_column: I64  # first column of the first block, in the image
-    first_block_column_in_box: I64  # the same, counted from the box's first column: perhaps negative
+    aligned_left: I64  # first column of the first block, in the image: a multiple of eight
+    aligned_left_in_box: I64  # the same, counted from the box's first column: perhaps negative
 
 
 class _ScanlineEdges(NamedTuple):
     """Three edge functions, shifted right by 8, and the factors that make column limits of them; in all lanes alike."""
 
     base: F32x8x3
-    """At row and column 0 of the box, plus a half."""
+    """``edge_value`` in row 0 of the box."""
     dy: F32x8x3
     """Change per row."""
-    left_minus_inverse_dx: F32x8x3
-    """-1 over the change per column for edges that limit columns on the left; NaN, which limits nothing, for others."""
-    right_minus_inverse_dx: F32x8x3
+    left_factor: F32x8x3
+    """-1 / dx for edges that limit columns on the left; NaN, which limits nothing, for others."""
+    right_factor: F32x8x3
     """The same for edges on the right."""
 
 
@@ -95,8 +96,8 @@ def find_small_spans(
     top, bottom = max(box_y, first_row), min(box_y + box_row_count, end_row)
     left, right = max(box_x, i64(0)), min(box_x + box_column_count, frame.width)
     # Blocks are aligned to eight columns: loads can be forwarded from stores, and span no two cache lines.
-    first_block_column = left & ~i64(vec.LANES - 1)
-    first_block_column_in_box = first_block_column - box_x
+    aligned_left = left & ~i64(vec.LANES - 1)
+    aligned_left_in_box = aligned_left - box_x
     group_count = (bottom - top + _GROUP_ROWS - 1) // _GROUP_ROWS
     first_group_row = _first_row_of_groups(top, end_row, group_count, first_row)
 
@@ -105,30 +106,30 @@ def find_small_spans(
     inv_z_base, inv_z_dy = vec.f32(triangle.inv_z_base), vec.f32(triangle.inv_z_dy)
     row_in_box = vec.to_f32(vec.i32(first_group_row - box_y) + vec.iota())
     box_left_limit, box_right_limit = vec.f32(left - box_x) - vec.f32(0.5), vec.f32(right - box_x) - vec.f32(0.5)
-    left_blocks, right_blocks = i64(0), i64(0)
+    first_mask, second_mask = i64(0), i64(0)
     for group in range(group_count):
         begin_in_box, column_count = _covered_columns(edges, row_in_box, box_left_limit, box_right_limit)
-        vec.store(spans.row_first_column_in_box, _GROUP_ROWS * group, begin_in_box)
+        vec.store(spans.row_begin_in_box, _GROUP_ROWS * group, begin_in_box)
         vec.store(spans.row_column_count, _GROUP_ROWS * group, column_count)
-        low, high = _block_masks(begin_in_box - vec.i32(first_block_column_in_box), column_count)
-        left_blocks |= low << (_GROUP_BITS * group)
-        right_blocks |= high << (_GROUP_BITS * group)
+        group_masks = _block_masks(begin_in_box - vec.i32(aligned_left_in_box), column_count)
+        first_mask |= group_masks[0] << (_BITS_PER_GROUP * group)
+        second_mask |= group_masks[1] << (_BITS_PER_GROUP * group)
         vec.store(spans.row_inv_z, _GROUP_ROWS * group, inv_z_base + inv_z_dy * row_in_box)
         row_in_box = row_in_box + vec.f32(float(_GROUP_ROWS))
 
     spans.triangle = triangle
-    spans.block_masks[0], spans.block_masks[1] = left_blocks, right_blocks
+    spans.block_masks[0], spans.block_masks[1] = first_mask, second_mask
     spans.first_group_row = first_group_row
     spans.row_count = min(end_row - first_group_row, _GROUP_ROWS * group_count)
-    spans.first_block_column, spans.first_block_column_in_box = first_block_column, first_block_column_in_box
+    spans.aligned_left, spans.aligned_left_in_box = aligned_left, aligned_left_in_box
 
 
 @inlined
 def draw_small(frame: RasterFrame, layer: Layer, depth_rule: I64, spans: SmallTriangleSpans) -> None:
     """Draw a triangle with the spans of ``find_small_spans``; ``depth_rule`` as for ``depth_test``.
 
-    The trip count of a loop over columns could not be predicted for small triangles. Therefore one loop goes over the
-    set bits of a mask of blocks. About half of a box is never tested.
+    A loop over the set bits of a mask of blocks has one misprediction per triangle, where a loop over the columns of
+    each row would have one per row. About half of a box is never tested.
     """
     # Both masks in one loop: with a copy of its body for each, draw_band would take longer to compile.
     for mask_index in range(1 if spans.block_masks[1] == 0 else 2):
@@ -136,11 +137,9 @@ def draw_small(frame: RasterFrame, layer: Layer, depth_rule: I64, spans: SmallTr
         while blocks != 0:
             bit = vec.lowest_bit(blocks)
             blocks &= blocks - 1
-            block_row, block = (
-                bit // _BLOCKS_PER_MASK_ROW,
-                mask_index * _BLOCKS_PER_MASK_ROW + bit % _BLOCKS_PER_MASK_ROW,
-            )
-            _draw_block(frame, layer, depth_rule, spans, block_row * _BLOCK_ROWS, block * vec.LANES)
+            block_row = bit // _BITS_PER_BLOCK_ROW
+            block = mask_index * _BITS_PER_BLOCK_ROW + bit % _BITS_PER_BLOCK_ROW
+            _draw_block(frame, layer, depth_rule, spans, block_row, block)
 
 
 @inlined
@@ -166,8 +165,8 @@ def _load_edges(triangle: SmallTriangle) -> _ScanlineEdges:
     All fields by two loads: a third of the instructions of a load for each field. The lanes of other fields, which are
     shifted and converted, too, are not used.
     """
-    values, bits = i32_at(address(triangle)), vec.i32(SUBPIXEL_BITS)
-    first, second = vec.to_f32(vec.load(values, 0) >> bits), vec.to_f32(vec.load(values, vec.LANES) >> bits)
+    values, shift = i32_at(address(triangle)), vec.i32(SUBPIXEL_BITS)
+    first, second = vec.to_f32(vec.load(values, 0) >> shift), vec.to_f32(vec.load(values, vec.LANES) >> shift)
     e0, e1 = _broadcast_lane(first, SMALL_FIELDS.edges), _broadcast_lane(first, SMALL_FIELDS.edges + 1)
     e2 = _broadcast_lane(first, SMALL_FIELDS.edges + 2)
     e0_dx, e1_dx = _broadcast_lane(first, SMALL_FIELDS.edge_dx), _broadcast_lane(first, SMALL_FIELDS.edge_dx + 1)
@@ -178,16 +177,16 @@ def _load_edges(triangle: SmallTriangle) -> _ScanlineEdges:
     # One division for all three edges, in lanes 0 to 2.
     lane = vec.iota()
     edge_dx = vec.select(lane == vec.i32(0), e0_dx, vec.select(lane == vec.i32(1), e1_dx, e2_dx))
-    scale = vec.f32(-1.0) / edge_dx
-    # Of a horizontal edge, -1 / dx is -inf. Its left limit is -inf where edge_value > 0, which limits nothing, and +inf
-    # elsewhere, which covers nothing. dx is never -0: 0 - a - b is +0 where a = -b.
-    left = vec.select(edge_dx >= zero, scale, no_limit)
-    right = vec.select(edge_dx >= zero, no_limit, scale)
+    factor = vec.f32(-1.0) / edge_dx
+    # A horizontal edge has dx = 0, and limits columns on the left: -edge_value / dx is -inf in rows inside the edge,
+    # +inf in others, where nothing is covered. dx is never -0: 0 - a - b is +0 where a = -b.
+    left = vec.select(edge_dx >= zero, factor, no_limit)
+    right = vec.select(edge_dx >= zero, no_limit, factor)
     return _ScanlineEdges(
         base=(e0 + half, e1 + half, e2 + half),
         dy=(e0_dy, e1_dy, e2_dy),
-        left_minus_inverse_dx=(_broadcast_lane(left, 0), _broadcast_lane(left, 1), _broadcast_lane(left, 2)),
-        right_minus_inverse_dx=(_broadcast_lane(right, 0), _broadcast_lane(right, 1), _broadcast_lane(right, 2)),
+        left_factor=(_broadcast_lane(left, 0), _broadcast_lane(left, 1), _broadcast_lane(left, 2)),
+        right_factor=(_broadcast_lane(right, 0), _broadcast_lane(right, 1), _broadcast_lane(right, 2)),
     )
 
 
@@ -203,34 +202,33 @@ def _covered_columns(
 ) -> I32x8x2:
     """Return the first covered column, counted from the box's first, and their number in each of eight rows.
 
-    Column c is covered if left < c < right. So the first one is floor(left + 1), the end floor(right + 1).
+    Column c is covered if left_limit < c < right_limit: from floor(left_limit + 1) to the end floor(right_limit + 1).
 
     Args:
         row_in_box: counted from the box's first row.
         box_left_limit, box_right_limit: limits by box and image, integers minus 1/2, from the box's first column on.
     """
     one = vec.f32(1.0)
-    left, right = _limit_by_edge(box_left_limit, box_right_limit, edges, 0, row_in_box)
-    left, right = _limit_by_edge(left, right, edges, 1, row_in_box)
-    left, right = _limit_by_edge(left, right, edges, 2, row_in_box)
+    left_limit, right_limit = _limit_by_edge(box_left_limit, box_right_limit, edges, 0, row_in_box)
+    left_limit, right_limit = _limit_by_edge(left_limit, right_limit, edges, 1, row_in_box)
+    left_limit, right_limit = _limit_by_edge(left_limit, right_limit, edges, 2, row_in_box)
     # A nearly horizontal edge may limit a row anywhere: minimum and maximum keep its limits within int32.
     # left >= box_left_limit >= -1/2, and right + 1 is cut at 0. to_i32 rounds toward 0, which is floor from 0 on.
-    begin = vec.to_i32(vec.minimum(left, box_right_limit) + one)
-    end = vec.to_i32(vec.maximum(right + one, vec.f32(0.0)))
+    begin = vec.to_i32(vec.minimum(left_limit, box_right_limit) + one)
+    end = vec.to_i32(vec.maximum(right_limit + one, vec.f32(0.0)))
     return begin, vec.maximum(end - begin, vec.i32(0))
 
 
 @inlined
-def _limit_by_edge(left: F32x8, right: F32x8, edges: _ScanlineEdges, k: I64, row_in_box: F32x8) -> F32x8x2:
+def _limit_by_edge(left_limit: F32x8, right_limit: F32x8, edges: _ScanlineEdges, k: I64, row_in_box: F32x8) -> F32x8x2:
     """Return the column limits of eight rows, narrowed to the inner side of edge ``k``.
 
     Why float32 is exact:
 
-    - Edge functions change by multiples of 256 per column and row. So e >> 8, which has the sign of e, changes by
-      exactly de >> 8 = dx, an integer of at most 129 x 256 (128 rows of centres span less than 129 pixels).
+    - e changes by multiples of 256 per column and row. So e >> 8, which has the sign of e, changes by exactly
+      dx = de >> 8, an integer of at most 129 x 256 (128 rows of centres span less than 129 pixels).
     - edge_value = (e >> 8) + 1/2 is exact: e >> 8 is below 2^23, also in the up to seven rows above and below the box
-      that groups of eight rows add (``MAX_SMALL_HEIGHT``).
-    - It is never 0: column c is inside where edge_value + c dx > 0.
+      that groups of eight rows add (``MAX_SMALL_HEIGHT``). It is positive inside, negative outside, never 0.
     - A horizontal edge, dx = 0, covers all columns of a row or none: its limit is -inf or +inf.
     - For others, q = -edge_value / dx differs from every integer by at least (1/2) / |dx| > 15.1e-6.
     - It is computed as edge_value * (-1 / dx), with two roundings of 2^-24 each: where |q| <= 64, as in the box, the
@@ -241,45 +239,47 @@ def _limit_by_edge(left: F32x8, right: F32x8, edges: _ScanlineEdges, k: I64, row
     """
     edge_value = edges.base[k] + edges.dy[k] * row_in_box
     # NaN limits nothing: if either argument is NaN, minimum and maximum return the second one.
-    left = vec.maximum(edge_value * edges.left_minus_inverse_dx[k], left)
-    return left, vec.minimum(edge_value * edges.right_minus_inverse_dx[k], right)
+    left_limit = vec.maximum(edge_value * edges.left_factor[k], left_limit)
+    return left_limit, vec.minimum(edge_value * edges.right_factor[k], right_limit)
 
 
 @inlined
-def _block_masks(begin: I32x8, column_count: I32x8) -> tuple[I64, I64]:
+def _block_masks(begin_in_blocks: I32x8, column_count: I32x8) -> tuple[I64, I64]:
     """Return the two masks, as SmallTriangleSpans.block_masks, of the blocks of eight rows with any covered column.
 
     Args:
-        begin, column_count: the rows' first covered columns, counted from the first block's first, and their number.
+        begin_in_blocks: the rows' first covered columns, counted from the first block's first.
+        column_count: number of the rows' covered columns.
     """
-    column_bits, none = vec.i32(_LOG2_BLOCK_COLUMNS), vec.i32(0)
+    log2_columns, none = vec.i32(_LOG2_BLOCK_COLUMNS), vec.i32(0)
     # Bit b of a lane is block b of a row: ones from the block of the first covered column up to that of the last.
-    end = begin + column_count + vec.i32(vec.LANES - 1)
-    blocks = (vec.i32(1) << (end >> column_bits)) - (vec.i32(1) << (begin >> column_bits))
+    end = begin_in_blocks + column_count + vec.i32(vec.LANES - 1)
+    blocks = (vec.i32(1) << (end >> log2_columns)) - (vec.i32(1) << (begin_in_blocks >> log2_columns))
     blocks = vec.select(column_count > none, blocks, none)
-    # Two block rows of 16 bits each: their low bytes go to the first mask, the high ones to the second.
+    # The upper and the lower block row have up to nine blocks each: 0 to 7 go to the first mask, 8 to the second.
     is_upper = vec.iota() < vec.i32(_BLOCK_ROWS)
     upper, lower = vec.or_of(vec.select(is_upper, blocks, none)), vec.or_of(vec.select(is_upper, none, blocks))
-    low_mask = (upper & 255) | ((lower & 255) << _BLOCKS_PER_MASK_ROW)
-    return low_mask, (upper >> _BLOCKS_PER_MASK_ROW) | ((lower >> _BLOCKS_PER_MASK_ROW) << _BLOCKS_PER_MASK_ROW)
+    first_mask = (upper & 255) | ((lower & 255) << _BITS_PER_BLOCK_ROW)
+    return first_mask, (upper >> _BITS_PER_BLOCK_ROW) | ((lower >> _BITS_PER_BLOCK_ROW) << _BITS_PER_BLOCK_ROW)
 
 
 @inlined
 def _draw_block(
-    frame: RasterFrame, layer: Layer, depth_rule: I64, spans: SmallTriangleSpans, block_top: I64, block_left: I64
+    frame: RasterFrame, layer: Layer, depth_rule: I64, spans: SmallTriangleSpans, block_row: I64, block: I64
 ) -> None:
-    """Draw a block, whose first row and column are counted from ``spans``' first group row and block column."""
+    """Draw a block of a block row; both are counted from the first one, at ``first_group_row`` and ``aligned_left``."""
+    row_in_groups, column_in_blocks = block_row * _BLOCK_ROWS, block * vec.LANES
     triangle = spans.triangle
     inv_z_min, inv_z_max, ids = vec.f32(triangle.inv_z_min), vec.f32(triangle.inv_z_max), vec.i32(triangle.id)
-    columns_in_box = vec.i32(spans.first_block_column_in_box + block_left) + vec.iota()
+    columns_in_box = vec.i32(spans.aligned_left_in_box + column_in_blocks) + vec.iota()
     column_inv_z = vec.f32(triangle.inv_z_dx) * vec.to_f32(columns_in_box)
-    row_in_layer = spans.first_group_row + block_top - layer.first_row
-    pixel = row_in_layer * frame.stride + spans.first_block_column + block_left
-    for row in range(block_top, min(block_top + _BLOCK_ROWS, spans.row_count)):
+    row_in_layer = spans.first_group_row + row_in_groups - layer.first_row
+    pixel = row_in_layer * frame.stride + spans.aligned_left + column_in_blocks
+    for row in range(row_in_groups, min(row_in_groups + _BLOCK_ROWS, spans.row_count)):
         inv_z = vec.f32(spans.row_inv_z[row]) + column_inv_z
         inv_z = vec.minimum(vec.maximum(inv_z, inv_z_min), inv_z_max)
         # One comparison of unsigned numbers tells whether a column is in the span.
-        column_in_span = columns_in_box - vec.i32(spans.row_first_column_in_box[row])
+        column_in_span = columns_in_box - vec.i32(spans.row_begin_in_box[row])
         covered = vec.less_unsigned(column_in_span, vec.i32(spans.row_column_count[row]))
         depth_test(frame, layer, depth_rule, pixel, inv_z, covered, ids)
         pixel += frame.stride

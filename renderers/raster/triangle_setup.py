@@ -2,9 +2,9 @@
 
     vertices of a draw ─▶ corners ─▶ on the grid of 1/256 pixel ─▶ box ─▶ by size:
 
-        tiny    at most 4 x 4 pixels      ``tiny_triangles``: fragments in the Chunk, if it has room
-        small   at most 64 x 128          SmallTriangle: edge functions in int32, plane of 1/z in float32
-        others  larger, or to be clipped  Primitive, one by one: ``primitive_setup``
+        tiny    at most 4 x 4 pixels                ``tiny_triangles``: fragments in the Chunk, if it has room
+        small   at most 64 x 128                    SmallTriangle: edge functions in int32, plane of 1/z in float32
+        single  larger, too deep, or to be clipped  Primitive, one at a time: ``primitive_setup``
 
 On the way triangles are dropped that are nearer than the near plane, too far, off the image, without area, hidden by
 their convex mesh, or culled and not kept.
@@ -57,10 +57,10 @@ class _LaneMasks(NamedTuple):
     """Which of eight triangles become primitives, a bit for each."""
 
     small: I64
-    one_by_one: I64
-    """Large, to be clipped, or too deep for ``SmallTriangle``: set up one by one."""
-    kept_back: I64
-    """Those of ``small`` with the winding to cull, which are kept if they are there; other bits mean nothing."""
+    single: I64
+    """Large, to be clipped, or too deep for SmallTriangle (MAX_SMALL_DEPTH_RATIO): set up one at a time."""
+    is_back: I64
+    """Culled but kept back faces among ``small``; meaningless for other lanes."""
 
 
 @device_function
@@ -69,7 +69,7 @@ def set_up_triangles(frame: RasterFrame, draw_index: I64, begin: I64, end: I64, 
     vertices = advance(frame.vertices, 4 * frame.draws[draw_index].first_vertex)
     for first_triangle in range(begin, end, vec.LANES):
         count = min(end - first_triangle, vec.LANES)
-        # Inlined: a call would cost a fifth of the time of triangles that are not visible.
+        # Inlined: a call makes invisible triangles 20 % slower.
         _set_up_eight_triangles(frame, draw_index, vertices, first_triangle, count, chunk)
 
 
@@ -85,30 +85,31 @@ def _set_up_eight_triangles(
     draw = frame.draws[draw_index]
     # Load; drop what is nearer than the near plane or beyond the far plane.
     corners = load_triangles(draw, first_triangle, count, vertices)
-    is_unclipped, needs_clipping = _is_unclipped(frame, corners.inv_z, count), _needs_clipping(corners.inv_z, count)
-    if vec.movemask(is_unclipped | needs_clipping) == 0:
+    can_snap = _can_snap(frame, corners.inv_z, count)
+    needs_clipping = _needs_clipping(corners.inv_z, count)
+    if vec.movemask(can_snap | needs_clipping) == 0:
         return
 
-    # Snap; drop what is off the image. Other lanes get 0: they may hold infinities, which cannot be converted.
+    # Snap; drop what is off the image. Lanes that cannot be snapped get 0: infinities cannot be converted to integers.
     zeros = vec.f32(0.0), vec.f32(0.0), vec.f32(0.0)
-    corners = Corners(select3(is_unclipped, corners.x, zeros), select3(is_unclipped, corners.y, zeros), corners.inv_z)
+    corners = Corners(select3(can_snap, corners.x, zeros), select3(can_snap, corners.y, zeros), corners.inv_z)
     gx, gy = snap_to_grid_3(corners.x), snap_to_grid_3(corners.y)
     box = bounding_box(gx, gy, frame.sample_reach)
-    in_image = is_unclipped & overlaps_image(frame, box)
+    in_image = can_snap & overlaps_image(frame, box)
 
-    # Tell small from large.
+    # Tell small from single.
     fits_small = _fits_small(box, corners.inv_z)
-    one_by_one_bits = vec.movemask((in_image & ~fits_small) | needs_clipping)
+    single_bits = vec.movemask((in_image & ~fits_small) | needs_clipping)
 
-    # Cull small ones. The area of large ones may overflow int32; primitive_setup culls these.
+    # Cull small ones. The area of single ones may overflow int32; primitive_setup culls these.
     area = (gx[1] - gx[0]) * (gy[2] - gy[0]) - (gx[2] - gx[0]) * (gy[1] - gy[0])
     is_counterclockwise = area < vec.i32(0)
-    winding = vec.select(is_counterclockwise, vec.i32(-1), vec.i32(1))
-    has_culled_winding = winding == vec.i32(draw.culled_area_sign)
-    visible_small = in_image & fits_small & (area != vec.i32(0)) & (winding != vec.i32(draw.hidden_area_sign))
+    area_sign = vec.select(is_counterclockwise, vec.i32(-1), vec.i32(1))
+    is_back = area_sign == vec.i32(draw.culled_area_sign)
+    visible_small = in_image & fits_small & (area != vec.i32(0)) & (area_sign != vec.i32(draw.hidden_area_sign))
     if frame.first_back_bin == 0:  # culled faces are not kept
-        visible_small = visible_small & ~has_culled_winding
-    if vec.movemask(visible_small) == 0 and one_by_one_bits == 0:
+        visible_small = visible_small & ~is_back
+    if vec.movemask(visible_small) == 0 and single_bits == 0:
         return
 
     # Edge functions, of corners in clockwise order, and planes of 1/z.
@@ -124,19 +125,19 @@ def _set_up_eight_triangles(
     if can_rasterize_tiny(frame, chunk):
         tiny = visible_small & is_tiny(frame, box)
         if vec.movemask(tiny) != 0:
-            rasterize_tiny(frame, triangles, tiny, has_culled_winding, chunk)
+            rasterize_tiny(frame, triangles, tiny, is_back, chunk)
             small_bits &= ~vec.movemask(tiny)
-    if small_bits | one_by_one_bits != 0:
+    if (small_bits | single_bits) != 0:
         transposed = _transposed_array()
         _store_transposed(transposed, triangles)
-        masks = _LaneMasks(small=small_bits, one_by_one=one_by_one_bits, kept_back=vec.movemask(has_culled_winding))
+        masks = _LaneMasks(small=small_bits, single=single_bits, is_back=vec.movemask(is_back))
         _append_primitives(frame, draw_index, first_triangle, masks, transposed, chunk)
 
 
 @inlined
-def _is_unclipped(frame: RasterFrame, inv_z: F32x8x3, count: I64) -> Mask8:
+def _can_snap(frame: RasterFrame, inv_z: F32x8x3, count: I64) -> Mask8:
     """Return which of the first ``count`` triangles have all corners beyond the near plane and in the guard band, and
-    any before the far plane."""
+    any before the far plane. Those beyond the far plane are dropped."""
     is_used = vec.iota() < vec.i32(count)
     return is_used & (minimum_of_3(inv_z) > vec.f32(0.0)) & (maximum_of_3(inv_z) >= vec.f32(frame.inv_z_far))
 
@@ -166,9 +167,9 @@ def _swap_last_two(swapped: Mask8, corners: I32x8x3) -> I32x8x3:
 def _store_transposed(rows: Pointer[I32], triangles: EightTriangles) -> None:
     """Write eight SmallTriangles, transposed: a row of (SMALL_FIELD_COUNT, 8) for each field."""
     ids, box, edges, plane = triangles
-    high_half = vec.i32(16)
-    corner = (box.top << high_half) | (box.left & vec.i32(0xFFFF))
-    size = ((box.bottom - box.top) << high_half) | (box.right - box.left)
+    half_shift = vec.i32(16)
+    packed_corner = (box.top << half_shift) | (box.left & vec.i32(0xFFFF))
+    packed_size = ((box.bottom - box.top) << half_shift) | (box.right - box.left)
     _store_row(rows, SMALL_FIELDS.edges, edges.base[0])
     _store_row(rows, SMALL_FIELDS.edges + 1, edges.base[1])
     _store_row(rows, SMALL_FIELDS.edges + 2, edges.base[2])
@@ -178,8 +179,8 @@ def _store_transposed(rows: Pointer[I32], triangles: EightTriangles) -> None:
     _store_row(rows, SMALL_FIELDS.edge1_dy, edges.dy[1])
     _store_row(rows, SMALL_FIELDS.id, ids)
     _store_row(rows, SMALL_FIELDS.kind, vec.i32(KIND_SMALL))
-    _store_row(rows, SMALL_FIELDS.box_corner, corner)
-    _store_row(rows, SMALL_FIELDS.box_size, size)
+    _store_row(rows, SMALL_FIELDS.box_corner, packed_corner)
+    _store_row(rows, SMALL_FIELDS.box_size, packed_size)
     _store_row(rows, SMALL_FIELDS.inv_z_base, vec.float_bits(plane.base))
     _store_row(rows, SMALL_FIELDS.inv_z_dx, vec.float_bits(plane.dx))
     _store_row(rows, SMALL_FIELDS.inv_z_dy, vec.float_bits(plane.dy))
@@ -197,18 +198,18 @@ def _append_primitives(
     frame: RasterFrame, draw_index: I64, first_triangle: I64, masks: _LaneMasks, transposed: Pointer[I32], chunk: Chunk
 ) -> None:
     """Append the triangles of the masks to a Chunk in the order of their lanes; ``first_triangle``: that of lane 0."""
-    pending = masks.small | masks.one_by_one
+    pending = masks.small | masks.single
     while pending != 0:
         lane = vec.lowest_bit(pending)
         bit = i64(1) << lane
         pending &= pending - 1
         primitive = chunk.primitives[chunk.count]
         if bit & masks.small:
-            words = i32_at(address(primitive))
+            words = i32_at(address(primitive))  # copied one by one, since often few of eight are kept
             for field in range(SMALL_FIELD_COUNT):
                 words[field] = transposed[vec.LANES * field + lane]
             _, top, _, row_count = box_of(SmallTriangle(address(primitive)))
-            base_bin = frame.first_back_bin if bit & masks.kept_back else 0
+            base_bin = frame.first_back_bin if bit & masks.is_back else 0  # as base_bin_of; all of ``small`` are kept
             first_bin, last_bin = bin_range(max(top, 0), min(top + row_count, frame.height), base_bin)
         else:
             first_bin, last_bin = set_up_single_triangle(frame, draw_index, first_triangle + lane, primitive)
