@@ -75,9 +75,9 @@ class Rasterizer(Protocol):
         *,
         select: NDArray[np.bool_] | None = None,
         cull_back: NDArray[np.bool_] | None = None,
-        beyond: Visibility | None = None,
-        before: Visibility | None = None,
-        earlier: NDArray[np.int32] | None = None,
+        behind: Visibility | None = None,
+        in_front_of: Visibility | None = None,
+        ids_below: NDArray[np.int32] | None = None,
         latest: bool = False,
     ) -> Visibility:
         """Return the nearest surface of every pixel. At equal depth, the higher primitive id wins.
@@ -87,11 +87,11 @@ class Rasterizer(Protocol):
             cull_back: (I,) bool; triangles of these instances that face away from the camera are not drawn. The
                 front is the side from which a triangle's vertices run counter-clockwise in the mesh's own frame,
                 so a mirrored instance keeps its fronts. None: both sides are drawn.
-            beyond: layer; only surfaces strictly behind it, by depth and then by id, are drawn (depth peeling). Where
+            behind: layer; only surfaces strictly behind it, by depth and then by id, are drawn (depth peeling). Where
                 the layer sees nothing, nothing is drawn.
-            before: layer of other instances, as if drawn first; surfaces behind it are not drawn, those at the same
-                depth are. Where the layer sees nothing, all are.
-            earlier: (H, W) int32, ids; only primitives with lower ids than these are drawn.
+            in_front_of: layer of other instances, as if drawn first; surfaces behind it are not drawn, those at the
+                same depth are. Where the layer sees nothing, all are.
+            ids_below: (H, W) int32, ids; only primitives with lower ids than these are drawn.
             latest: return the surface with the highest id instead of the nearest one; ``inv_z`` is undefined then.
         """
         ...

@@ -18,28 +18,28 @@ from renderers.raster.layout import Layer, RasterFrame
 IN_ORDER: Final = 0
 """For primitives drawn in the order of their ids: of two at the same depth the one drawn last is seen."""
 PEELED: Final = 1
-"""As IN_ORDER, and only what the frame's layers ``beyond``, ``before`` and ``earlier`` leave over."""
+"""As IN_ORDER, and only what the frame's bounds for depth peeling leave over."""
 ANY_ORDER: Final = 2
 """For primitives drawn in any order: of two at the same depth the one with the higher id is seen."""
 
 
 @device_function
 def _is_between(frame: RasterFrame, pixel: I64, inv_z: F32x8, ids: I32x8) -> Mask8:
-    """Return m8: pixels that the frame's layers leave over, as far as it has them: beyond ``beyond`` by depth, then id;
-    not behind ``before`` by depth; with ids below those of ``earlier``."""
+    """Return m8: pixels that the frame's bounds leave over, as far as it has them: behind the layer ``behind_ids`` by
+    depth, then id; not behind the layer ``in_front_of_ids`` by depth; with ids below ``ids_below``."""
     zero = vec.i32(0)
     passed = zero == zero  # all
-    if frame.beyond_ids != 0:
-        layer_ids = vec.load(i32_at(frame.beyond_ids), pixel)
-        layer_inv_z = vec.load(f32_at(frame.beyond_inv_z), pixel)
-        is_beyond = (inv_z < layer_inv_z) | ((inv_z == layer_inv_z) & (ids < layer_ids))
-        passed = passed & (layer_ids >= zero) & is_beyond
-    if frame.before_ids != 0:
-        layer_ids = vec.load(i32_at(frame.before_ids), pixel)
-        layer_inv_z = vec.load(f32_at(frame.before_inv_z), pixel)
+    if frame.behind_ids != 0:
+        layer_ids = vec.load(i32_at(frame.behind_ids), pixel)
+        layer_inv_z = vec.load(f32_at(frame.behind_inv_z), pixel)
+        is_behind = (inv_z < layer_inv_z) | ((inv_z == layer_inv_z) & (ids < layer_ids))
+        passed = passed & (layer_ids >= zero) & is_behind
+    if frame.in_front_of_ids != 0:
+        layer_ids = vec.load(i32_at(frame.in_front_of_ids), pixel)
+        layer_inv_z = vec.load(f32_at(frame.in_front_of_inv_z), pixel)
         passed = passed & ((layer_ids < zero) | (inv_z >= layer_inv_z))
-    if frame.earlier_ids != 0:
-        passed = passed & (ids < vec.load(i32_at(frame.earlier_ids), pixel))
+    if frame.ids_below != 0:
+        passed = passed & (ids < vec.load(i32_at(frame.ids_below), pixel))
     return passed
 
 

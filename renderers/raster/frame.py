@@ -66,7 +66,7 @@ class FrameJob:
         band_bytes = 0 if has_layer or samples > 1 else 8 * BAND_ROWS * self.stride
         sizes = _work_sizes(count, vertices, primitives)
         if band_bytes:
-            sizes["band_memory"] = threads * band_bytes
+            sizes["first_band_memory"] = threads * band_bytes
         work_memory, work_addresses = aligned_parts(sizes)
         self.poses_address = work_addresses["X_camera_mesh"]
         """Address of ``X_camera_mesh``."""
@@ -86,9 +86,9 @@ class FrameJob:
         self._band_count = band_count(camera.height)
         self._frame[0] = RasterFrame.record(
             stride=self.stride,
-            samples=samples,
+            sample_count=samples,
             max_threads=threads,
-            select=select,
+            is_selected=select,
             cull_back=cull_back,
             skip_hidden_back_faces=opaque,
             keep_back_faces=keep_back_faces,
@@ -136,20 +136,20 @@ class FrameJob:
     def layers(
         self,
         layer: Visibility,
-        beyond: Visibility | None = None,
-        before: Visibility | None = None,
-        earlier: NDArray[np.int32] | None = None,
+        behind: Visibility | None = None,
+        in_front_of: Visibility | None = None,
+        ids_below: NDArray[np.int32] | None = None,
         *,
         latest: bool = False,
     ) -> None:
         """Set the layer, and those that bound it as in ``Rasterizer.visibility``. Their rows have ``stride`` pixels."""
         frame = self._frame
-        for name, each in (("layer", layer), ("beyond", beyond), ("before", before)):
+        for name, each in (("layer", layer), ("behind", behind), ("in_front_of", in_front_of)):
             if each is not None:
                 frame[f"{name}_ids"] = self._address(each.ids, np.int32)
                 frame[f"{name}_inv_z"] = self._address(each.inv_z, np.float32)
-        if earlier is not None:
-            frame["earlier_ids"] = self._address(earlier, np.int32)
+        if ids_below is not None:
+            frame["ids_below"] = self._address(ids_below, np.int32)
         frame["highest_id_wins"] = latest
 
     def _address(self, array: NDArray[Any], dtype: type[np.generic]) -> int:
@@ -205,7 +205,7 @@ class FrameJob:
         frame = self._frame
         frame["draw_kernel"], frame["edges_kernel"] = _kernel_address(draw_samples), _kernel_address(find_edges)
         frame["shade_kernel"], frame["shade_job"] = shader.kernel, shader.job
-        frame["band_memory"], frame["band_memory_bytes"] = bands, SampleBand.nbytes
+        frame["first_band_memory"], frame["band_memory_bytes"] = bands, SampleBand.nbytes
         return Task(frame, self._frame_address, self._useful_threads)
 
 

@@ -3,7 +3,7 @@
     phase       unit of work                        kernel
     TRANSFORM   some vertices                       transform.transform
     SETUP       some chunks of 1,024 primitives     setup.setup
-    BANDS       a band of 32 rows                   draw_kernel, shade_kernel, resolve_kernel
+    BANDS       a band of 32 rows                   draw_kernel, edges_kernel, shade_kernel, resolve_kernel
 
 Threads take units by an atomic counter until none is left, and wait for the last units of others before the next phase.
 """
@@ -26,27 +26,29 @@ _SPINS_BEFORE_YIELD: Final = 200
 
 @kernel
 def run_phases(frame_address: Address, until_finished: bool) -> None:
-    """Work on a frame together with other threads. A thread may come late, and finds nothing left to do. So
-    the RasterFrame must live until all calls have returned; what it points to, until the frame is finished.
+    """Work on a frame together with other threads. A call that comes late finds nothing left to do. Lifetimes:
 
-    Each call takes the next ``band_memory_bytes`` of ``band_memory``. A frame that has such memory gets at most
-    ``max_threads`` calls.
+    - the RasterFrame: until all calls have returned;
+    - what it points to: until the frame is finished.
+
+    Each call takes the next ``band_memory_bytes`` after ``first_band_memory``: its ``band_memory``. A frame that has
+    such memory gets at most ``max_threads`` calls.
 
     Args:
         until_finished: return when the frame is finished; otherwise as soon as no band is left to take.
     """
     frame = RasterFrame(frame_address)
-    band_memory = frame.band_memory
+    band_memory = frame.first_band_memory
     if band_memory != 0:
         band_memory += atomic_add_one(frame.threads_started, 0) * frame.band_memory_bytes
     for phase in range(PHASE_COUNT):
-        _run_units(frame, phase, band_memory)
+        _take_units(frame, phase, band_memory)
         if phase != BANDS or until_finished:
             _wait_for_other_threads(frame, phase)
 
 
 @inlined
-def _run_units(frame: RasterFrame, phase: I64, band_memory: Address) -> None:
+def _take_units(frame: RasterFrame, phase: I64, band_memory: Address) -> None:
     """Do units of a phase until none is left."""
     unit = atomic_add_one(frame.units_taken, phase)
     while unit < frame.unit_counts[phase]:
@@ -81,7 +83,7 @@ def _run_unit(frame: RasterFrame, phase: I64, unit: I64, band_memory: Address) -
         band = i64(frame.drawn_bands[unit]) if address(frame.drawn_bands) != 0 else unit
         first_row = band * BAND_ROWS
         end_row = min(first_row + BAND_ROWS, frame.height)
-        if frame.samples > 1:
+        if frame.sample_count > 1:
             _draw_and_shade_samples(frame, first_row, end_row, band_memory)
         else:
             _draw_shade_resolve(frame, first_row, end_row, band_memory)
@@ -92,11 +94,11 @@ def _draw_shade_resolve(frame: RasterFrame, first_row: I64, end_row: I64, band_m
     """Draw, shade and resolve one band.
 
     Args:
-        band_memory: the thread's own; 0: the frame has a layer of the whole image, and no shade_kernel.
+        band_memory: the thread's layer of a band; 0: the frame has a layer of the whole image, and no shade_kernel.
     """
     call_kernel(frame.draw_kernel, (address(frame), first_row, end_row, band_memory, FIRST_PASS))
     if frame.shade_kernel != 0:
-        # Its first argument is its own job: shading knows no RasterFrame.
+        # Shading knows no RasterFrame: it gets its own job, and band_memory, which begins with the primitive ids.
         call_kernel(frame.shade_kernel, (frame.shade_job, band_memory, first_row, end_row))
     if frame.first_back_bin != 0:  # kept back faces: depth and labels show them, the colour above does not
         call_kernel(frame.draw_kernel, (address(frame), first_row, end_row, band_memory, KEPT_BACK_FACES))

@@ -41,7 +41,7 @@ def set_up_frame(frame_address: Address) -> I64:
     units[0] = _quotient_up(vertices, frame.vertices_per_unit)
     units[1] = _quotient_up(frame.chunk_count, frame.chunks_per_unit)
     units[2] = frame.drawn_band_count
-    if frame.samples * frame.width * frame.height + 4 * primitives < SMALL_WORK:
+    if frame.sample_count * frame.width * frame.height + 4 * primitives < SMALL_WORK:
         return 1
     return min(threads, max(units[0], units[1], units[2], 1))
 

@@ -100,10 +100,10 @@ def collect_draws(frame: RasterFrame) -> I64:
     Returns:
         Number of draws whose back faces are culled, without those whose back faces are hidden anyway.
     """
-    select = u8_at(frame.select)
+    is_selected = u8_at(frame.is_selected)
     culling_draws = draw_count = vertices = primitives = 0
     for k in range(frame.instance_count):
-        if frame.select != 0 and select[k] == 0:
+        if frame.is_selected != 0 and is_selected[k] == 0:
             continue
         instance, next_instance, draw = frame.instances[k], frame.instances[k + 1], frame.draws[draw_count]
         for value in range(12):

@@ -49,12 +49,12 @@ CHUNK_WORDS: Final = CHUNK_SIZE + 3 * FRAGMENT_CAPACITY
 """Words of four bytes of a chunk's memory: its bins, then its fragments' pixels, 1/z and ids."""
 MAX_SMALL_WIDTH: Final = 64
 MAX_SMALL_HEIGHT: Final = 128
-"""Triangles of at most this many pixel centres across and down, less than 65 x 129 pixels, have edge functions that fit
-int32, also eight columns (``msaa``) and seven rows (``small_triangles``) off their box:
-2 x 256^2 x (65 + 8) x (129 + 7) < 2^31."""
+"""Maximum pixel centres of a small triangle across and down: it spans less than 65 x 129 pixels. So its edge functions
+fit int32, even eight columns (``msaa``) and seven rows (``small_triangles``) off its box: they are differences of two
+products of a width and a height in grid units, 2 x 256^2 x (65 + 8) x (129 + 7) < 2^31."""
 MAX_SMALL_DEPTH_RATIO: Final = 4.0
-"""Maximum depth of a small triangle's farthest vertex over that of its nearest. Beyond, float32 would lose digits of
-1/z at the far end, and float64 is used."""
+"""Maximum ratio of farthest to nearest vertex depth of a small triangle. Beyond, float32 would lose digits of 1/z at
+the far end, and float64 is used."""
 
 # Topology of a mesh: vertices of a primitive.
 TOPOLOGY_LINES: Final = 2
@@ -91,7 +91,7 @@ class Primitive(Struct):
 
 class SmallTriangle(Struct):
     """The first eight words, up to ``kind``, and the next eight are a vector load each, see ``small_triangles``. ``id``
-    and ``kind`` are where Primitive has them. Of the third edge, the changes are minus the sums of the other two's."""
+    and ``kind`` are where Primitive has them. The changes of the third edge are not stored: the three sum to 0."""
 
     edges: Pointer[I32] = inline(3)  # edge functions at the first pixel centre of the box; inside where all are >= 0
     edge_dx: Pointer[I32] = inline(2)  # change per column of the first two
@@ -117,7 +117,7 @@ class RasterInstance(Struct):
     """An instance of the draw list, independent of camera and pose. The table ends with one more row, in which
     ``first_vertex`` and ``first_id`` are the totals."""
 
-    positions: Pointer[F32]  # (N, 3): those of mesh_positions that primitives use
+    positions: Pointer[F32]  # (N, 3): those of mesh_positions that primitives use, since all of them are transformed
     indices: Pointer[U32]  # (M, topology) into these
     topology: I64
     first_vertex: I64  # among all instances' vertices
@@ -125,7 +125,7 @@ class RasterInstance(Struct):
     size: F64  # point size or line width, pixels
     box_center: Pointer[F64] = inline(3)  # of convex meshes, see convex_culling
     box_half: Pointer[F64] = inline(3)  # half extents; negative: not convex
-    mesh_positions: Pointer[F32]  # the mesh's own arrays
+    mesh_positions: Pointer[F32]  # the mesh's own arrays, which mesh_normals goes with
     mesh_indices: Pointer[U32]
     mesh_normals: Address  # (N, 3) float32; 0: none
 
@@ -177,15 +177,15 @@ KEPT_BACK_FACES: Final = 1
 class RasterFrame(Struct):
     """A rasterization: its parameters, the memory that it works in, and its units of work, which threads share.
 
-    ``frame.FrameJob`` fills the fields above ``draw_count``, the kernels those below. An Address is 0 if
-    the frame lacks what it is for.
+    ``frame.FrameJob`` fills the fields above ``draw_count``, the kernels those below. An Address or Pointer is 0 if the
+    frame lacks what it is for.
     """
 
     # Image and camera.
     width: I64  # pixels
     height: I64
     stride: I64  # pixels from one row of a visibility layer to the next: a multiple of eight
-    drawn_bands: Pointer[I32]  # (drawn_band_count,): bands that are drawn; null: all
+    drawn_bands: Pointer[I32]  # (drawn_band_count,): bands that are drawn; 0: all
     drawn_band_count: I64
     fx: F64  # camera intrinsics, pixels
     fy: F64
@@ -197,20 +197,20 @@ class RasterFrame(Struct):
 
     # Instances of the draw list, instance_count each.
     instance_count: I64
-    instances: RasterInstance  # and one more
-    first_ids: Pointer[I64]  # first primitive id of every instance, and the total
+    instances: RasterInstance  # and a row for the totals
+    first_ids: Pointer[I64]  # first_id of each, and the total: an array that ``instance_of`` searches
     labels: Pointer[I32]  # bits of uint32 labels
     instance_ids: Pointer[I32]  # values of the output ``instance``
     X_world_mesh: Pointer[F64]  # (4, 4) each
     X_camera_mesh: Pointer[F64]  # (4, 4) each
     poses_ready: I64  # flag: X_camera_mesh is filled
-    select: Address  # bool for each instance: whether to draw it; 0: all are drawn
+    is_selected: Address  # bool for each instance: whether to draw it; 0: all are drawn
     cull_back: Address  # bool for each instance: whether its back faces are culled; 0: none are
     skip_hidden_back_faces: I64  # flag: back faces of convex meshes need not be drawn
     keep_back_faces: I64  # flag: culled back faces go to bins of their own, drawn after shading
 
     # Samples.
-    samples: I64  # per pixel
+    sample_count: I64  # per pixel
     sample_reach: I64  # grid units from a pixel's centre to its outermost sample, each way; 0: one sample
     sample_offsets: Pointer[I32]  # (2, 8): offsets of the samples across and down, grid units
     lane_lists: Pointer[I32]  # (256, 8), see msaa.lane_lists
@@ -220,23 +220,21 @@ class RasterFrame(Struct):
     setup_kernel: Address
     draw_kernel: Address  # coverage.draw_band, or msaa.edges.draw_samples
     edges_kernel: Address  # msaa.edges.find_edges, with several samples per pixel
-    shade_kernel: Address  # none: nothing is shaded
+    shade_kernel: Address  # 0: nothing is shaded
     shade_job: Address  # first argument of shade_kernel
-    resolve_kernel: Address  # none: no outputs other than colour are wanted
+    resolve_kernel: Address  # 0: no outputs other than colour are wanted
     normals_kernel: Address
     yield_function: Address  # called while waiting for other threads
 
     # Depth peeling: bounds of what passes the depth test, (height, stride) each: ids are int32, inv_z float32.
-    beyond_ids: (
-        Address  # fragments lie behind this layer, or at its depth with a lower id; none passes where it is empty
-    )
-    beyond_inv_z: Address
-    before_ids: Address  # fragments lie in front of this layer, or at its depth; all pass where it is empty
-    before_inv_z: Address
-    earlier_ids: Address  # fragments have ids below these
-    highest_id_wins: (
-        I64  # flag: a pixel sees the fragment that is drawn last, not the nearest (layers by drawing order)
-    )
+    # Fragments lie behind this layer, or at its depth with a lower id; none passes where it is empty.
+    behind_ids: Address
+    behind_inv_z: Address
+    # Fragments lie in front of this layer, or at its depth; all pass where it is empty.
+    in_front_of_ids: Address
+    in_front_of_inv_z: Address
+    ids_below: Address  # fragments have ids below these
+    highest_id_wins: I64  # flag: a pixel sees the fragment drawn last, not the nearest (layers by drawing order)
 
     # Results. The layer is (height, stride); without it, each thread has a layer of one band.
     layer_ids: Address
@@ -252,10 +250,10 @@ class RasterFrame(Struct):
     primitives: Primitive  # (chunk_count * CHUNK_SIZE); those of KIND_SMALL are SmallTriangle
     chunks: Chunk  # (chunk_count)
     chunk_memory: Pointer[I32]  # (chunk_count, CHUNK_WORDS): what their pointers point to
-    band_memory: Address  # the first thread's memory for a band
+    first_band_memory: Address  # the first thread's memory for a band; the others' follows
     band_memory_bytes: I64  # of each thread
     max_threads: I64
-    stop: Address  # never 0: an int64 that is not 0 once the frame should end, see renderers.stop
+    stop: Address  # of an int64: not 0 once the frame should end, see renderers.stop. The address is never 0
 
     # Counts, computed by set_up_frame.
     draw_count: I64
@@ -300,6 +298,6 @@ class SmallBox(NamedTuple):
 @inlined
 def box_of(triangle: SmallTriangle) -> SmallBox:
     """Return the box of a SmallTriangle: rows are packed in the high halves, columns in the low ones."""
-    corner, size = i64(triangle.box_corner), i64(triangle.box_size)
-    left = ((corner & 0xFFFF) ^ 0x8000) - 0x8000  # sign-extended from 16 bits
-    return SmallBox(left, corner >> 16, size & 0xFFFF, size >> 16)
+    packed_corner, packed_size = i64(triangle.box_corner), i64(triangle.box_size)
+    left = ((packed_corner & 0xFFFF) ^ 0x8000) - 0x8000  # sign-extended from 16 bits
+    return SmallBox(left, packed_corner >> 16, packed_size & 0xFFFF, packed_size >> 16)

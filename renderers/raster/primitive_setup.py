@@ -203,7 +203,7 @@ def set_up_point(frame: RasterFrame, draw: Draw, primitive_in_mesh: I64, primiti
     if is_empty(box):
         return NOT_VISIBLE
     values = primitive.values  # as KIND_POINT says
-    if frame.samples == 1:
+    if frame.sample_count == 1:
         values[0], values[1], values[2], values[3] = box.left, box.top, box.right, box.bottom
     else:
         values[0], values[1], values[2], values[3] = x0, y0, x1, y1

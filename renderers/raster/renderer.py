@@ -170,9 +170,9 @@ class CpuRenderer:
         *,
         select: NDArray[np.bool_] | None = None,
         cull_back: NDArray[np.bool_] | None = None,
-        beyond: Visibility | None = None,
-        before: Visibility | None = None,
-        earlier: NDArray[np.int32] | None = None,
+        behind: Visibility | None = None,
+        in_front_of: Visibility | None = None,
+        ids_below: NDArray[np.int32] | None = None,
         latest: bool = False,
         bands: NDArray[np.int32] | None = None,
     ) -> Visibility:
@@ -192,7 +192,7 @@ class CpuRenderer:
         if bands is not None:
             ids.fill(-1)
         layer = Visibility(ids, inv_z, prepared.instances.first_ids, job.X_camera_mesh)
-        job.layers(layer, beyond, before, earlier, latest=latest)
+        job.layers(layer, behind, in_front_of, ids_below, latest=latest)
         self._threads.share(job.task())
         if job.stride == camera.width:
             return layer

@@ -27,7 +27,8 @@ from renderers.raster.layout import Layer, RasterFrame
 _BACKGROUND_LABEL: Final = int(np.uint32(LABEL_NONE).astype(np.int32))
 _BACKGROUND_INSTANCE_ID: Final = -1
 _PREFETCH_DISTANCE: Final = 1024
-"""Pixels are prefetched so far ahead of those that are written."""
+"""Values by which a prefetch is ahead of the store: a cache line is read before a part of it is written. 1,024 values
+are a page of 4 KiB, beyond whose end processors prefetch nothing themselves."""
 
 
 @kernel
@@ -37,31 +38,32 @@ def resolve_band(frame_address: Address, first_row: I64, end_row: I64, band_memo
     set_band_layer(frame, layer, first_row, band_memory)
     for row in range(first_row, end_row):
         pixel, out_pixel = (row - layer.first_row) * frame.stride, row * frame.width
-        ids, inv_z = advance(layer.ids, pixel), advance(layer.inv_z, pixel)
+        row_ids, row_inv_z = advance(layer.ids, pixel), advance(layer.inv_z, pixel)
         # The whole row of one output, then that of the next: the stores to a cache line follow each other.
         if frame.depth != 0:
-            _resolve_depth_row(inv_z, ids, advance(f32_at(frame.depth), out_pixel), frame.width)
+            _resolve_depth_row(row_inv_z, row_ids, advance(f32_at(frame.depth), out_pixel), frame.width)
         if frame.label != 0:
-            _resolve_instance_row(frame, ids, frame.labels, _BACKGROUND_LABEL, advance(i32_at(frame.label), out_pixel))
+            out = advance(i32_at(frame.label), out_pixel)
+            _resolve_instance_row(frame, row_ids, frame.labels, _BACKGROUND_LABEL, out)
         if frame.instance != 0:
             out = advance(i32_at(frame.instance), out_pixel)
-            _resolve_instance_row(frame, ids, frame.instance_ids, _BACKGROUND_INSTANCE_ID, out)
-    if frame.normal != 0:
+            _resolve_instance_row(frame, row_ids, frame.instance_ids, _BACKGROUND_INSTANCE_ID, out)
+    if frame.normal != 0:  # a kernel by address, since it is compiled only after the server is ready
         call_kernel(frame.normals_kernel, (frame_address, first_row, end_row, band_memory))
 
 
 @device_function
-def _resolve_depth_row(inv_z: Pointer[F32], ids: Pointer[I32], out: Pointer[F32], width: I64) -> None:
+def _resolve_depth_row(row_inv_z: Pointer[F32], row_ids: Pointer[I32], out: Pointer[F32], width: I64) -> None:
     """Write the depth of one row.
 
     Args:
-        inv_z, ids: pointers to the row's 1/z and primitive ids, readable to a multiple of eight.
+        row_inv_z, row_ids: 1/z and primitive ids of the row's pixels, readable to a multiple of eight.
         out: ``width`` float32, metres.
     """
     one, no_depth, zero = vec.f32(1.0), vec.f32(np.inf), vec.i32(0)
     for column in range(0, width, vec.LANES):
-        visible = vec.load(ids, column) >= zero
-        _store_columns(out, column, width, vec.select(visible, one / vec.load(inv_z, column), no_depth))
+        visible = vec.load(row_ids, column) >= zero
+        _store_columns(out, column, width, vec.select(visible, one / vec.load(row_inv_z, column), no_depth))
 
 
 @inlined
@@ -77,12 +79,12 @@ def _store_columns(out: Pointer[Number], column: I64, width: I64, values: Lanes)
 
 @device_function
 def _resolve_instance_row(
-    frame: RasterFrame, ids: Pointer[I32], instance_values: Pointer[I32], background: I64, out: Pointer[I32]
+    frame: RasterFrame, row_ids: Pointer[I32], instance_values: Pointer[I32], background: I64, out: Pointer[I32]
 ) -> None:
     """Write the value of the instance that each pixel of a row sees.
 
     Args:
-        ids: pointer to the row's primitive ids, readable to a multiple of eight.
+        row_ids: primitive ids of the row's pixels, readable to a multiple of eight.
         instance_values: (instance_count,).
         background: value where nothing is seen.
     """
@@ -90,19 +92,16 @@ def _resolve_instance_row(
     # The instance looked up last, its value and its range of primitive ids, which is empty at first.
     cached_index, cached_value, first_id, end_id = i64(0), i32(0), i64(0), i64(0)
     for column in range(0, width, vec.LANES):
-        eight_ids = vec.load(ids, column)
-        sees_cached = (eight_ids >= vec.i32(first_id)) & (eight_ids < vec.i32(end_id))
+        ids = vec.load(row_ids, column)
+        sees_cached = (ids >= vec.i32(first_id)) & (ids < vec.i32(end_id))
         values = vec.select(sees_cached, vec.i32(cached_value), vec.i32(background))
-        pending = vec.movemask((eight_ids >= vec.i32(0)) & ~sees_cached)
+        pending = vec.movemask((ids >= vec.i32(0)) & ~sees_cached)
         while pending != 0:  # look up the instance of the first pixel left, for all pixels that see it
-            primitive_id = i64(ids[column + vec.lowest_bit(pending)])
+            primitive_id = i64(row_ids[column + vec.lowest_bit(pending)])
             cached_index = instance_of(first_ids, frame.instance_count, primitive_id, cached_index)
-            cached_value, first_id, end_id = (
-                instance_values[cached_index],
-                first_ids[cached_index],
-                first_ids[cached_index + 1],
-            )
-            sees_cached = (eight_ids >= vec.i32(first_id)) & (eight_ids < vec.i32(end_id))
+            cached_value = instance_values[cached_index]
+            first_id, end_id = first_ids[cached_index], first_ids[cached_index + 1]
+            sees_cached = (ids >= vec.i32(first_id)) & (ids < vec.i32(end_id))
             values = vec.select(sees_cached, vec.i32(cached_value), values)
             pending &= ~vec.movemask(sees_cached)
         _store_columns(out, column, width, values)

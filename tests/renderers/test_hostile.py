@@ -62,7 +62,7 @@ def test_arbitrary_numbers_do_not_crash(
     assert not np.isnan(frame.depth).any()
     assert np.isinf(frame.depth[~hit]).all()
     assert np.isfinite(frame.normal).all()
-    behind = RENDERER.visibility(scene, camera, beyond=seen)
+    behind = RENDERER.visibility(scene, camera, behind=seen)
     assert (behind.inv_z[behind.ids >= 0] <= seen.inv_z[behind.ids >= 0]).all()
 
 

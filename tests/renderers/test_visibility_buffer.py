@@ -124,7 +124,7 @@ def test_shared_edges_neither_leak_nor_overlap(renderer: CpuRenderer, columns: i
     scene = draw_list(grid(columns, rows, corners))
     first = renderer.visibility(scene, camera())
     assert (first.ids >= 0).all()
-    second = renderer.visibility(scene, camera(), beyond=first)
+    second = renderer.visibility(scene, camera(), behind=first)
     assert (second.ids < 0).all()
 
 
@@ -134,7 +134,7 @@ def test_shared_edges_across_near_plane_and_guard_band(renderer: CpuRenderer) ->
     below = np.arange(view.height) > view.cy + 2
     first = renderer.visibility(draw_list(ground), view)
     assert (first.ids[below] >= 0).all()
-    second = renderer.visibility(draw_list(ground), view, beyond=first)
+    second = renderer.visibility(draw_list(ground), view, behind=first)
     assert (second.ids < 0).all()
 
 
@@ -234,7 +234,7 @@ def test_depth_peeling_yields_layers_in_depth_order(renderer: CpuRenderer) -> No
     layer = renderer.visibility(scene, view)
     while (layer.ids >= 0).any():
         count += layer.ids >= 0
-        following = renderer.visibility(scene, view, beyond=layer)
+        following = renderer.visibility(scene, view, behind=layer)
         both = following.ids >= 0
         assert (layer.ids[both] >= 0).all()
         assert (following.inv_z[both] <= layer.inv_z[both]).all()
@@ -250,7 +250,7 @@ def test_before_draws_only_in_front_of_a_layer(renderer: CpuRenderer) -> None:
     view = camera(near=0.05)
     ball = np.array((False, True))
     shell = renderer.visibility(scene, view, select=ball)
-    inside = renderer.visibility(scene, view, select=~ball, before=shell)
+    inside = renderer.visibility(scene, view, select=~ball, in_front_of=shell)
     everything = renderer.visibility(scene, view)
     merged = np.where(inside.ids >= 0, inside.ids, shell.ids)
     assert np.array_equal(merged, everything.ids)
@@ -269,17 +269,17 @@ def test_layers_in_drawing_order_are_those_by_distance(renderer: CpuRenderer) ->
     layer = renderer.visibility(scene, view)
     while (layer.ids >= 0).any():
         by_distance.append(layer.ids.copy())
-        layer = renderer.visibility(scene, view, beyond=layer)
+        layer = renderer.visibility(scene, view, behind=layer)
     seen = np.array(by_distance)
     earlier = None
     for expected in np.sort(seen, axis=0)[::-1]:
-        layer = renderer.visibility(scene, view, earlier=earlier, latest=True)
+        layer = renderer.visibility(scene, view, ids_below=earlier, latest=True)
         np.testing.assert_array_equal(layer.ids, expected)
         earlier = layer.ids.copy()
     bound = rng.integers(0, seen.max(), seen.shape[1:]).astype(np.int32)
     is_earlier = (seen >= 0) & (seen < bound)
     nearest = np.where(is_earlier.any(axis=0), np.take_along_axis(seen, is_earlier.argmax(axis=0)[None], 0)[0], -1)
-    layer = renderer.visibility(scene, view, earlier=bound)
+    layer = renderer.visibility(scene, view, ids_below=bound)
     np.testing.assert_array_equal(layer.ids, nearest)
 
 

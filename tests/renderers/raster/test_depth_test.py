@@ -50,17 +50,17 @@ def test_layers_of_coplanar_surfaces(seed: int) -> None:
     ids, inv_z = np.take_along_axis(ids, order, 0), np.take_along_axis(inv_z, order, 0)
     layers: list[Visibility] = []
     for number in range(6):
-        layer = RENDERER.visibility(scene, VIEW, beyond=layers[-1] if layers else None)
+        layer = RENDERER.visibility(scene, VIEW, behind=layers[-1] if layers else None)
         np.testing.assert_array_equal(layer.ids, ids[number])
         np.testing.assert_array_equal(layer.inv_z[layer.ids >= 0], inv_z[number][layer.ids >= 0])
         layers.append(layer)
     assert (ids[4] >= 0).any()
     assert (inv_z[0] == inv_z[1])[ids[1] >= 0].mean() > 0.1, "ties are frequent"
     for number, layer in enumerate(layers):
-        front = RENDERER.visibility(scene, VIEW, before=layer)
+        front = RENDERER.visibility(scene, VIEW, in_front_of=layer)
         np.testing.assert_array_equal(front.ids, ids[0])
         for later in layers[number + 2 :]:
-            between = RENDERER.visibility(scene, VIEW, beyond=layer, before=later)
+            between = RENDERER.visibility(scene, VIEW, behind=layer, in_front_of=later)
             inside = later.ids >= 0
             np.testing.assert_array_equal(between.ids[inside], ids[number + 1][inside])
         layer_ids = layer.ids >= 0

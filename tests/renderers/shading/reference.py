@@ -70,9 +70,9 @@ class BruteForce:
         *,
         select: NDArray[np.bool_] | None = None,
         cull_back: NDArray[np.bool_] | None = None,
-        beyond: Visibility | None = None,
-        before: Visibility | None = None,
-        earlier: NDArray[np.int32] | None = None,
+        behind: Visibility | None = None,
+        in_front_of: Visibility | None = None,
+        ids_below: NDArray[np.int32] | None = None,
         latest: bool = False,
     ) -> Visibility:
         direction = rays(camera)
@@ -99,14 +99,14 @@ class BruteForce:
                     z = line_depths(direction, corners, camera)
                 inv = np.nan_to_num(1.0 / z, nan=0.0).astype(np.float32)
                 is_candidate = (inv > 1 / camera.far) & (inv < 1 / camera.near)
-                if beyond is not None:
-                    b, at = beyond.ids.reshape(-1), beyond.inv_z.reshape(-1)
+                if behind is not None:
+                    b, at = behind.ids.reshape(-1), behind.inv_z.reshape(-1)
                     is_candidate &= (b >= 0) & ((inv < at) | ((inv == at) & (primitive_id < b)))
-                if before is not None:
-                    b, at = before.ids.reshape(-1), before.inv_z.reshape(-1)
+                if in_front_of is not None:
+                    b, at = in_front_of.ids.reshape(-1), in_front_of.inv_z.reshape(-1)
                     is_candidate &= (b < 0) | (inv >= at)
-                if earlier is not None:
-                    is_candidate &= primitive_id < earlier.reshape(-1)
+                if ids_below is not None:
+                    is_candidate &= primitive_id < ids_below.reshape(-1)
                 nearer = is_candidate & ((ids < 0) | (inv >= best) | latest)
                 best[nearer], ids[nearer] = inv[nearer], primitive_id
         shape = (camera.height, camera.width)
