@@ -10,8 +10,8 @@ Out: rows of SpanSums. For each attribute and for the sum of the weights, two va
         └─────────────── pixels of the span
 
 Weighted attribute and sum of the weights are each linear in the pixel. ``interpolation`` divides one by the other, so
-that attributes are perspective-correct. Where they are read: 1/depth likewise, flat normals, and the changes of weights
-and texture coordinates per column and row of the image, for mip levels.
+that attributes are perspective-correct. Only if shading reads them: 1/depth likewise, flat normals, and the changes of
+weights and texture coordinates per column and row of the image, for texture filters.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """Spans: neighbouring pixels of a row that see one primitive. Segments: neighbouring spans of one instance.
 
 primitive ids   7 7 7 7 3 3 9 9 9 . . 7     instance A has the ids 0 to 8, B those from 9 on; MAX_PART_PIXELS is 4 here
-start bits      1 0 0 0 1 0 1 0 1 1 0 1     ``find_spans``: the id differs from the one before, or a pixel 0, 4, 8, ...
+start bits      1 0 0 0 1 0 1 0 1 1 0 1     ``find_spans``: the id differs from the one before, or pixel 0, 4, 8, ...
 spans           |7      |3  |9  |9|.  |7
 segments        |A          |B    |   |A    ``bind_next_segment`` selects the segment's instance and material
 parts           |       |   |   | |   |     ``next_part``: segments are cut at pixels 4, 8, ..., and shaded part by part
@@ -117,7 +117,7 @@ def find_spans(context: ShadingContext, y: I64, columns: Address, pixel_ids: Poi
             bits &= (i64(1) << (pixel_count - first_pixel)) - 1
         _append_spans(context, first_pixel, bits, span_count)
         span_count += vec.count_bits(bits)
-    # ``interpolation`` also reads the bits of pixels after the row's last, in lanes whose results are not used.
+    # ``interpolation`` also reads bits after those of the last pixel, for lanes that are not used: any value will do.
     context.start_bits[(pixel_count + _PIXELS_PER_WORD - 1) // _PIXELS_PER_WORD] = _ALL_BITS
     vec.store(context.span_starts, span_count, vec.i32(pixel_count))  # where the last span ends
     return span_count
@@ -180,7 +180,7 @@ def next_part(context: ShadingContext, span: I64, begin: I64, end: I64) -> PartE
 
 @device_function
 def bind_next_segment(context: ShadingContext, span: I64, span_count: I64, instance_index: I64) -> NextSegment:
-    """Find the end of the segment that begins with a span, and bind its instance: set it in the ShadingContext.
+    """Find the end of the segment that begins with a span; set its instance and material in the ShadingContext.
 
     Args:
         span: index of the segment's first span in the row.
