@@ -34,7 +34,7 @@ from tools.calibration.scenes import LEAFY_SCENES, SCENES
 
 SEEDS: Final = {Quality.MEDIUM: range(100, 103), Quality.HIGH: range(100, 108), Quality.FULL: range(100, 103)}
 """Seeds of the scenes. Of few, the trees learn in which of them a plain wall happened to be right."""
-PIXELS: Final = 35
+PIXELS: Final = 25
 """Maximum number of matches of an image that count."""
 LEAFY_SEEDS: Final = {Quality.HIGH: range(100, 104), Quality.FULL: range(100, 104)}
 """Seeds of the scenes with textures like photographs."""

@@ -113,18 +113,13 @@ def make_sample(name: str, imaging: Imaging, settings: StreamSettings, capture: 
     assert right_view.depth is not None
     depth = left_view.depth, right_view.depth
     factor, limits = model.focal_times_baseline(divisor), settings.filters.measurable_depths(model, divisor)
-    filters = settings.filters
+    filters, noise = settings.filters, (imaging.config.noise_factor, settings.averaged_images, divisor)
     return Sample(
         name,
         capture.out1_high,
         small_left,
         small_right,
-        pair.noise_sigma(
-            imaging.config.noise_factor,
-            settings.averaged_images,
-            divisor,
-            has_pattern=imaging.config.has_fixed_pattern,
-        ),
+        pair.noise_sigma(*noise, has_pattern=imaging.config.has_fixed_pattern),
         np.asarray(np.where(np.isfinite(depth[0]), factor / depth[0], 0.0), np.float32),
         true_disparity(*depth, factor, limits),
         model.disparity_count(divisor, limits.min_depth, filters.maxdepth),
