@@ -8,6 +8,10 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from renderers.compiler.device_function import inlined
+from renderers.compiler.jit import kernel
+from renderers.compiler.kernel_types import I64, Array2, f32, i64
+
 _ROTATION_TOLERANCE: Final = 1e-6
 """Maximum element of R R^T - I for which a matrix R counts as a rotation."""
 
@@ -51,8 +55,24 @@ def write_mean_light(image: NDArray[np.uint32], column: int, row: int, others: S
     """
     height, width = others[0].shape
     part = image[row : row + height, column : column + width]
-    mean = np.zeros_like(part)
-    for shift, mask in ((0, 2047), (11, 2047), (22, 1023)):
-        squares = sum(np.square((each >> shift & mask).astype(np.float32)) for each in (part, *others))
-        mean |= np.rint(np.sqrt(squares / np.float32(len(others) + 1))).astype(np.uint32) << np.uint32(shift)
-    part[:] = mean
+    images = np.stack((part, *others))
+    _mean_light(images.reshape(len(images), -1))
+    part[:] = images[0]
+
+
+@inlined
+def _mean_root(images: Array2[np.uint32], pixel: I64, shift: I64, steps: I64) -> I64:
+    """Return the root of the mean light of a channel of a pixel, where it is in ``Frame.roots``."""
+    squares = f32(0.0)
+    for number in range(len(images)):
+        root = f32(i64(images[number, pixel]) >> shift & steps)
+        squares += root * root
+    return i64(np.sqrt(squares / f32(len(images))) + f32(0.5)) << shift
+
+
+@kernel
+def _mean_light(images: Array2[np.uint32]) -> None:
+    """Replace the first of some images, (N, pixels), by the mean of their light."""
+    for pixel in range(images.shape[1]):
+        red, green = _mean_root(images, pixel, 0, 2047), _mean_root(images, pixel, 11, 2047)
+        images[0, pixel] = red | green | _mean_root(images, pixel, 22, 1023)

@@ -63,7 +63,7 @@ def test_every_kernel_is_called_with_the_types_of_its_signature() -> None:
     disparity_mesh(images.disparity, k, 0.2, MeshOptions(watertight=True, textured=True), image)
     align_depth(np.full((24, 40), 2000, np.uint16), k, ColorCamera(k, (0.0, 0.0, 0.0)))
     kernels = [kernel for kernel in KERNELS if kernel.py_func.__module__.startswith("renderers.stereo.")]
-    assert len(kernels) == 23
+    assert len(kernels) == 24
     for kernel in kernels:
         assert kernel.signatures, f"{kernel.py_func.__name__} was not called"
         kernel.compile()
