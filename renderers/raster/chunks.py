@@ -37,9 +37,9 @@ def base_bin_of(frame: RasterFrame, is_culled: bool) -> I64:
 
 @inlined
 def append_primitive(chunk: Chunk, first_bin: I64, last_bin: I64) -> None:
-    """Keep the primitive that was written to ``primitives[count]`` of a Chunk, with its bins.
+    """Add 1 to a Chunk's ``count``, and so keep the primitive that was written to ``primitives[count]``, with its bins.
 
-    If ``last_bin < first_bin`` it touches none, and the next primitive is written over it.
+    If ``last_bin < first_bin`` it touches none, and is not kept: the next primitive is written over it.
     """
     if first_bin <= last_bin:
         chunk.bins[chunk.count] = last_bin << 16 | first_bin

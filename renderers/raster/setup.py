@@ -57,8 +57,7 @@ def _draw_index_of_primitive(frame: RasterFrame, frame_primitive: I64) -> I64:
 @device_function
 def _set_up_line_or_point(frame: RasterFrame, draw: Draw, primitive_in_mesh: I64, chunk: Chunk) -> None:
     """Set up a line or a point, and append it to a Chunk if it may be visible."""
-    # The first free place. If no bin is touched, last_bin < first_bin, and the next primitive is written over it.
-    primitive = chunk.primitives[chunk.count]
+    primitive = chunk.primitives[chunk.count]  # overwritten by the next one if it touches no bin
     if draw.topology == TOPOLOGY_LINES:
         first_bin, last_bin = set_up_line(frame, draw, primitive_in_mesh, primitive)
     else:  # a point

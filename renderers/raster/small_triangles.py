@@ -165,26 +165,26 @@ def _load_edges(triangle: SmallTriangle) -> _ScanlineEdges:
     All fields by two loads: a third of the instructions of a load for each field. The lanes of other fields, which are
     shifted and converted, too, are not used.
     """
-    values, shift = i32_at(address(triangle)), vec.i32(SUBPIXEL_BITS)
-    first, second = vec.to_f32(vec.load(values, 0) >> shift), vec.to_f32(vec.load(values, vec.LANES) >> shift)
-    e0, e1 = _broadcast_lane(first, SMALL_FIELDS.edges), _broadcast_lane(first, SMALL_FIELDS.edges + 1)
-    e2 = _broadcast_lane(first, SMALL_FIELDS.edges + 2)
-    e0_dx, e1_dx = _broadcast_lane(first, SMALL_FIELDS.edge_dx), _broadcast_lane(first, SMALL_FIELDS.edge_dx + 1)
-    e0_dy = _broadcast_lane(first, SMALL_FIELDS.edge0_dy)
-    e1_dy = _broadcast_lane(second, SMALL_FIELDS.edge1_dy - vec.LANES)
+    words, shift = i32_at(address(triangle)), vec.i32(SUBPIXEL_BITS)
+    first, second = vec.to_f32(vec.load(words, 0) >> shift), vec.to_f32(vec.load(words, vec.LANES) >> shift)
+    base0, base1 = _broadcast_lane(first, SMALL_FIELDS.edges), _broadcast_lane(first, SMALL_FIELDS.edges + 1)
+    base2 = _broadcast_lane(first, SMALL_FIELDS.edges + 2)
+    dx0, dx1 = _broadcast_lane(first, SMALL_FIELDS.edge_dx), _broadcast_lane(first, SMALL_FIELDS.edge_dx + 1)
+    dy0 = _broadcast_lane(first, SMALL_FIELDS.edge0_dy)
+    dy1 = _broadcast_lane(second, SMALL_FIELDS.edge1_dy - vec.LANES)
     half, zero, no_limit = vec.f32(0.5), vec.f32(0.0), vec.f32(math.nan)
-    e2_dx, e2_dy = zero - e0_dx - e1_dx, zero - e0_dy - e1_dy
+    dx2, dy2 = zero - dx0 - dx1, zero - dy0 - dy1
     # One division for all three edges, in lanes 0 to 2.
     lane = vec.iota()
-    edge_dx = vec.select(lane == vec.i32(0), e0_dx, vec.select(lane == vec.i32(1), e1_dx, e2_dx))
-    factor = vec.f32(-1.0) / edge_dx
+    dx_of_lane = vec.select(lane == vec.i32(0), dx0, vec.select(lane == vec.i32(1), dx1, dx2))
+    factor = vec.f32(-1.0) / dx_of_lane
     # A horizontal edge has dx = 0, and limits columns on the left: -edge_value / dx is -inf in rows inside the edge,
     # +inf in others, where nothing is covered. dx is never -0: 0 - a - b is +0 where a = -b.
-    left = vec.select(edge_dx >= zero, factor, no_limit)
-    right = vec.select(edge_dx >= zero, no_limit, factor)
+    left = vec.select(dx_of_lane >= zero, factor, no_limit)
+    right = vec.select(dx_of_lane >= zero, no_limit, factor)
     return _ScanlineEdges(
-        base=(e0 + half, e1 + half, e2 + half),
-        dy=(e0_dy, e1_dy, e2_dy),
+        base=(base0 + half, base1 + half, base2 + half),
+        dy=(dy0, dy1, dy2),
         left_factor=(_broadcast_lane(left, 0), _broadcast_lane(left, 1), _broadcast_lane(left, 2)),
         right_factor=(_broadcast_lane(right, 0), _broadcast_lane(right, 1), _broadcast_lane(right, 2)),
     )

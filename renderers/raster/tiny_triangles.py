@@ -30,16 +30,16 @@ def is_tiny(frame: RasterFrame, box: Box[I32x8]) -> Mask8:
 
 
 @inlined
-def rasterize_tiny(frame: RasterFrame, triangles: EightTriangles, tiny: Mask8, is_back: Mask8, chunk: Chunk) -> None:
+def rasterize_tiny(frame: RasterFrame, triangles: EightTriangles, tiny: Mask8, kept_back: Mask8, chunk: Chunk) -> None:
     """Append the pixels of tiny triangles, at most TINY_SIDE x TINY_SIDE of each, to a Chunk.
 
     Args:
         tiny: the triangles to draw.
-        is_back: back faces that are kept: their pixels get BACK_BIT.
+        kept_back: those that are culled but kept: their pixels get BACK_BIT.
     """
     ids, box, edges, plane = triangles
     first_pixel = box.top * vec.i32(frame.stride) + box.left
-    first_pixel = vec.select(is_back, first_pixel | vec.i32(BACK_BIT), first_pixel)
+    first_pixel = vec.select(kept_back, first_pixel | vec.i32(BACK_BIT), first_pixel)
     # All eight are tested at the same 3 x 3 pixels, or 4 x 4 if any is that wide: surplus tests, which cover nothing,
     # cost less than one mispredicted loop.
     usual_side = vec.i32(TINY_SIDE - 1)

@@ -59,8 +59,8 @@ class _LaneMasks(NamedTuple):
     small: I64
     single: I64
     """Large, to be clipped, or too deep for SmallTriangle (MAX_SMALL_DEPTH_RATIO): set up one at a time."""
-    is_back: I64
-    """Culled but kept back faces among ``small``; meaningless for other lanes."""
+    kept_back: I64
+    """Faces among ``small`` that are culled but kept; bits of other triangles mean nothing."""
 
 
 @device_function
@@ -105,10 +105,10 @@ def _set_up_eight_triangles(
     area = (gx[1] - gx[0]) * (gy[2] - gy[0]) - (gx[2] - gx[0]) * (gy[1] - gy[0])
     is_counterclockwise = area < vec.i32(0)
     area_sign = vec.select(is_counterclockwise, vec.i32(-1), vec.i32(1))
-    is_back = area_sign == vec.i32(draw.culled_area_sign)
+    is_culled = area_sign == vec.i32(draw.culled_area_sign)
     visible_small = in_image & fits_small & (area != vec.i32(0)) & (area_sign != vec.i32(draw.hidden_area_sign))
     if frame.first_back_bin == 0:  # culled faces are not kept
-        visible_small = visible_small & ~is_back
+        visible_small = visible_small & ~is_culled
     if vec.movemask(visible_small) == 0 and single_bits == 0:
         return
 
@@ -125,12 +125,12 @@ def _set_up_eight_triangles(
     if can_rasterize_tiny(frame, chunk):
         tiny = visible_small & is_tiny(frame, box)
         if vec.movemask(tiny) != 0:
-            rasterize_tiny(frame, triangles, tiny, is_back, chunk)
+            rasterize_tiny(frame, triangles, tiny, is_culled, chunk)
             small_bits &= ~vec.movemask(tiny)
     if (small_bits | single_bits) != 0:
         transposed = _transposed_array()
         _store_transposed(transposed, triangles)
-        masks = _LaneMasks(small=small_bits, single=single_bits, is_back=vec.movemask(is_back))
+        masks = _LaneMasks(small=small_bits, single=single_bits, kept_back=vec.movemask(is_culled))
         _append_primitives(frame, draw_index, first_triangle, masks, transposed, chunk)
 
 
@@ -203,13 +203,13 @@ def _append_primitives(
         lane = vec.lowest_bit(pending)
         bit = i64(1) << lane
         pending &= pending - 1
-        primitive = chunk.primitives[chunk.count]
+        primitive = chunk.primitives[chunk.count]  # overwritten by the next one if it touches no bin
         if bit & masks.small:
             words = i32_at(address(primitive))  # copied one by one, since often few of eight are kept
             for field in range(SMALL_FIELD_COUNT):
                 words[field] = transposed[vec.LANES * field + lane]
             _, top, _, row_count = box_of(SmallTriangle(address(primitive)))
-            base_bin = frame.first_back_bin if bit & masks.is_back else 0  # as base_bin_of; all of ``small`` are kept
+            base_bin = frame.first_back_bin if bit & masks.kept_back else 0  # as base_bin_of; all of ``small`` are kept
             first_bin, last_bin = bin_range(max(top, 0), min(top + row_count, frame.height), base_bin)
         else:
             first_bin, last_bin = set_up_single_triangle(frame, draw_index, first_triangle + lane, primitive)

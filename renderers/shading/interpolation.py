@@ -27,7 +27,7 @@ def _span_starts_after(start_bits: Pointer[I64], x: I64) -> I64:
     The last bit, of the first pixel of the next eight, only counts: see ``interpolate``.
 
     Args:
-        start_bits: as in ShadingContext; one more word follows the last pixel's.
+        start_bits: as in ShadingContext. The word of pixel x + 1 and the next one are read.
     """
     # The upper word moves left by 64 - bit, in two steps, since a shift by 64 is undefined.
     word, bit = (x + 1) >> 6, (x + 1) & 63
@@ -85,7 +85,7 @@ def interpolate(context: ShadingContext, begin: I64, end: I64) -> None:
     """
     sums, pixels, start_bits, columns = context.span_sums, context.pixels, context.start_bits, context.columns
     attributes, span_offsets = context.attributes, context.inputs.span_offsets
-    has_gradients, has_points = context.material.has_gradients != 0, context.inputs.has_points != 0
+    reads_gradients, reads_positions = context.material.reads_gradients != 0, context.inputs.reads_positions != 0
     at = i64(0)
     for x in range(begin, end, vec.LANES):
         pixel = x - begin  # in the part, as in _store_gradient
@@ -101,7 +101,7 @@ def interpolate(context: ShadingContext, begin: I64, end: I64) -> None:
             _along_span(sums.normal, 2, 3, at, offsets, t),
         )
         store3(pixels.normal, pixel, ROW_STRIDE, normal)
-        if attributes & _OTHER_ATTRIBUTES or has_points:
+        if attributes & _OTHER_ATTRIBUTES or reads_positions:
             weight_sum = _along_span(sums.weight_sum, 0, 1, at, offsets, t)
             inv_weight_sum = vec.f32(1.0) / weight_sum
             for uv_set in range(2):
@@ -109,7 +109,7 @@ def interpolate(context: ShadingContext, begin: I64, end: I64) -> None:
                     for k in range(2):  # rows of a set in SpanSums: u, v, and their changes
                         uv = _along_span(sums.uv, 4 * uv_set + k, 2, at, offsets, t) * inv_weight_sum
                         vec.store(pixels.uv, (2 * uv_set + k) * ROW_STRIDE + pixel, uv)
-                        if has_gradients:
+                        if reads_gradients:
                             _store_gradient(context, uv_set, k, pixel, at, offsets, uv, inv_weight_sum)
             if attributes & HAS_COLORS:
                 for k in range(4):
@@ -120,7 +120,7 @@ def interpolate(context: ShadingContext, begin: I64, end: I64) -> None:
                 vec.store(pixels.facing, pixel, _span_values(sums.facing, 0, at, offsets))
                 for k in range(4):
                     vec.store(pixels.tangent, k * ROW_STRIDE + pixel, _along_span(sums.tangent, k, 4, at, offsets, t))
-            if has_points:
+            if reads_positions:
                 _store_surface(context, column, pixel, at, offsets, t)
         at += vec.count_bits(starts)
     for uv_set in range(2):  # sets that the material reads and the mesh lacks
@@ -167,6 +167,6 @@ def _store_surface(context: ShadingContext, columns: F32x8, pixel: I64, at: I64,
     x = (columns + vec.f32(0.5 - inputs.cx)) * vec.f32(1.0 / inputs.fx) * z
     y = vec.f32((context.y + 0.5 - inputs.cy) / inputs.fy) * z
     store3(pixels.point, pixel, ROW_STRIDE, (x, y, z))
-    if inputs.has_flat_normals != 0:
+    if inputs.reads_flat_normals != 0:
         for k in range(3):
             vec.store(pixels.flat_normal, k * ROW_STRIDE + pixel, _span_values(sums.flat_normal, k, at, offsets))

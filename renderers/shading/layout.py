@@ -62,7 +62,7 @@ class ShadingMaterial(Struct):
     stored_by_gamma: I64  # headlight looks: 1 if the colour is linear and stored by gamma; 0 if it is stored as it is
     vertex_colors: I64  # COLORS_ constant of materials
     uv_sets: I64  # bit 0: a texture reads uv0; bit 1: a texture reads uv1
-    has_gradients: I64  # 1: shading reads uv_gradient
+    reads_gradients: I64  # 1: shading reads uv_gradient
     # Indices of ShadingTextures; -1: none.
     base_color_texture: I64
     metallic_roughness_texture: I64
@@ -111,8 +111,8 @@ class ShadingInputs(Struct):
     cx: F64
     cy: F64
     area_filter: I64  # 1: Look.area_filter
-    has_points: I64  # 1: shading reads positions
-    has_flat_normals: I64  # 1: shading reads flat normals; only with has_points
+    reads_positions: I64  # 1: shading reads positions
+    reads_flat_normals: I64  # 1: shading reads flat normals; only with reads_positions
     # Tables of ShadingScene.
     instances: ShadingInstance
     materials: ShadingMaterial
@@ -140,12 +140,12 @@ class SpanSums(Struct):
     uv: Pointer[F32] = rows(2 * UV_SET_ROWS)  # two values and two changes of uv0, then those of uv1
     color: Pointer[F32] = rows(4 + 4)
     tangent: Pointer[F32] = rows(4 + 4)  # optical frame, and the sign of the bitangent
-    # Filled only if ShadingInputs has has_points: 1/depth, 1/m, at the first pixel, and its change per pixel.
+    # Filled only with ShadingInputs.reads_positions: 1/depth, 1/m, at the first pixel, and its change per pixel.
     inv_depth: Pointer[F32] = rows(1 + 1)
-    # Filled if ShadingInputs has has_flat_normals, or ``attributes`` of ShadingContext lacks HAS_NORMALS: unit normal
-    # of the triangle, towards the camera; 0 for lines and points.
+    # Filled with ShadingInputs.reads_flat_normals, or if ``attributes`` of ShadingContext lacks HAS_NORMALS: unit
+    # normal of the triangle, towards the camera; 0 for lines and points.
     flat_normal: Pointer[F32] = rows(3)
-    # Filled only if the ShadingMaterial has has_gradients: first all changes of the sums per column of the image, then
+    # Filled only with ShadingMaterial.reads_gradients: first all changes of the sums per column of the image, then
     # all changes per row.
     weight_sum_gradient: Pointer[F32] = rows(1 + 1)
     uv_gradient: Pointer[F32] = rows(2 * UV_SET_ROWS)  # two changes per column and two per row of uv0, then of uv1
@@ -159,11 +159,11 @@ class ShadedPixels(Struct):
     uv: Pointer[F32] = rows(2 * 2)  # uv0, uv1
     color: Pointer[F32] = rows(4)  # vertex colour, RGBA
     tangent: Pointer[F32] = rows(4)  # optical frame, any length; sign of the bitangent
-    # Filled only if the ShadingMaterial has has_gradients:
+    # Filled only with ShadingMaterial.reads_gradients:
     uv_gradient: Pointer[F32] = rows(2 * 4)  # of uv0, then of uv1: du/dx, dv/dx, du/dy, dv/dy per pixel of the image
-    # Filled only if ShadingInputs has has_flat_normals, as in SpanSums:
+    # Filled only with ShadingInputs.reads_flat_normals, as in SpanSums:
     flat_normal: Pointer[F32] = rows(3)
-    # Filled only if it has has_points: the visible point in the optical frame, metres.
+    # Filled only with ShadingInputs.reads_positions: the visible point in the optical frame, metres.
     point: Pointer[F32] = rows(3)
     # Filled by ``material``:
     base_color: Pointer[F32] = rows(4)  # and alpha

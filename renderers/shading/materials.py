@@ -191,14 +191,14 @@ def material_values(material: Material, look: LookName, lit: bool, textures: Tex
     # A metal without a texture has no dielectric part.
     has_specular = look == "studio" and (adapted.metallic < 1.0 or adapted.metallic_roughness_texture is not None)
     uv_sets = 0
-    has_gradients = False
+    reads_gradients = False
 
     def index_of(texture: Texture | None, is_read: bool, srgb: bool = False) -> int:
-        nonlocal uv_sets, has_gradients
+        nonlocal uv_sets, reads_gradients
         if texture is None or not is_read:
             return -1
         uv_sets |= 1 << texture.uv_set
-        has_gradients |= texture.sampler.depends_on_scale or look == "gltf"
+        reads_gradients |= texture.sampler.depends_on_scale or look == "gltf"
         return textures.index_of(texture, srgb and not (look == "pbr" and texture.image.sixteen_bits))
 
     strength = adapted.emissive_strength if look == "studio" else 1.0
@@ -225,4 +225,4 @@ def material_values(material: Material, look: LookName, lit: bool, textures: Tex
         "specular": adapted.specular,
         "specular_color": adapted.specular_color,
     }
-    return {**values, "uv_sets": uv_sets, "has_gradients": has_gradients}
+    return {**values, "uv_sets": uv_sets, "reads_gradients": reads_gradients}

@@ -105,7 +105,7 @@ def _select_levels(
     """Fill ``level``, ``next_weight`` and ``sample_uv``; return True if any pixel is between two levels.
 
     If the filter does not depend on the scale, ``level`` is 0 and not MAGNIFIED, and the filters of both are the same.
-    If it does, ``uv_gradient`` is filled: ``materials`` sets ``has_gradients`` by Sampler.depends_on_scale.
+    If it does, ``uv_gradient`` is filled: ``materials`` sets ``reads_gradients`` by Sampler.depends_on_scale.
     """
     depends_on_scale = texture.mips != MIPS_NONE or texture.mag_linear != texture.min_linear
     width, height, zero = vec.f32(view.width), vec.f32(view.height), vec.f32(0.0)
@@ -235,7 +235,7 @@ def sample_texture(context_address: Address, index: I64, count: I64, rows_addres
     uv = advance(pixels.uv, 2 * ROW_STRIDE * texture.uv_set)
     uv_gradient = advance(pixels.uv_gradient, 4 * ROW_STRIDE * texture.uv_set)
     uv_transform = _load_uv_transform(texture)
-    if inputs.area_filter != 0 and context.material.has_gradients != 0:
+    if inputs.area_filter != 0 and context.material.reads_gradients != 0:
         _sample_areas(texture, view, uv_transform, uv, uv_gradient, pixels, count, rows, alpha)
     else:
         # Loops of their own, which a processor overlaps better than one: the texels of all pixels are prefetched.

@@ -164,14 +164,14 @@ class ShadingJob:
         X_camera_mesh: int,
         *,
         area_filter: bool = False,
-        has_points: bool = False,
-        has_flat_normals: bool = False,
+        reads_positions: bool = False,
+        reads_flat_normals: bool = False,
     ) -> None:
         """
         Args:
             first_ids, X_camera_mesh: addresses of the arrays of these names in ``Visibility``.
             area_filter: as in ``Look``.
-            has_points, has_flat_normals: as in ShadingInputs.
+            reads_positions, reads_flat_normals: as in ShadingInputs.
         """
         count = len(shading.transparent)
         matrices, job = np.empty(len(shading.instances), InstanceMatrices.dtype), np.empty(1, ShadingInputs.dtype)
@@ -188,8 +188,8 @@ class ShadingJob:
             cx=camera.cx,
             cy=camera.cy,
             area_filter=area_filter,
-            has_points=has_points,
-            has_flat_normals=has_flat_normals,
+            reads_positions=reads_positions,
+            reads_flat_normals=reads_flat_normals,
             span_setup_kernel=kernel_address(set_up_part_kernel),
             sampling_kernel=kernel_address(sample_texture),
             **shading.tables,

@@ -155,16 +155,16 @@ def _set_up_eight_spans(context: ShadingContext, span: I64, span_count: I64, at:
     has_constant_normals = True
     if attributes & HAS_NORMALS:
         has_constant_normals = _store_normals(context, at, weights, corner_values, facing)
-    if not attributes & HAS_NORMALS or context.inputs.has_flat_normals != 0:
+    if not attributes & HAS_NORMALS or context.inputs.reads_flat_normals != 0:
         _store_flat_normals(context, at, p0, p1, p2, sign)
     if attributes & HAS_UV0:
         _store_attributes(advance(sums.uv, at), 2, weights.start, weights.per_pixel, corner_values, VERTEX_UV0)
-    if context.inputs.has_points != 0:
+    if context.inputs.reads_positions != 0:
         depths = p0[2], p1[2], p2[2]
         inv_depth, per_pixel = inverse_depths(matrix, determinant, sign, rays, step_count, depths)
         vec.store(sums.inv_depth, at, vec.to_f32(inv_depth))
         vec.store(sums.inv_depth, ROW_STRIDE + at, vec.to_f32(per_pixel))
-    if material.has_gradients != 0:
+    if material.reads_gradients != 0:
         _store_gradients(context, at, weights, corner_values)
     if attributes & HAS_COLORS:
         colors = _load_colors(context.instance.colors, corner_indices)
@@ -223,22 +223,22 @@ def _weighted_sum3(weights: F32x8x3, corner_values: CornerAttributes[F32x8x8], k
 def _store_attributes(
     rows: Pointer[F32],
     row_count: I64,
-    weights: F32x8x3,
-    next_weights: F32x8x3,
+    first_weights: F32x8x3,
+    second_weights: F32x8x3,
     corner_values: CornerAttributes[Columns],
     first_value: I64,
 ) -> None:
-    """Store sums by ``weights`` in ``row_count`` rows, a value in each, those by ``next_weights`` in the next rows."""
+    """Store the sums of value j by ``first_weights`` in row j, and by ``second_weights`` in row ``row_count`` + j."""
     for j in range(row_count):
-        vec.store(rows, j * ROW_STRIDE, _weighted_sum(weights, corner_values, first_value + j))
-        vec.store(rows, (row_count + j) * ROW_STRIDE, _weighted_sum(next_weights, corner_values, first_value + j))
+        vec.store(rows, j * ROW_STRIDE, _weighted_sum(first_weights, corner_values, first_value + j))
+        vec.store(rows, (row_count + j) * ROW_STRIDE, _weighted_sum(second_weights, corner_values, first_value + j))
 
 
 @inlined
-def _store_weight_sums(rows: Pointer[F32], weights: F32x8x3, next_weights: F32x8x3) -> None:
-    """Store the sum of ``weights`` in a row, and that of ``next_weights`` in the next one."""
-    vec.store(rows, 0, weights[0] + weights[1] + weights[2])
-    vec.store(rows, ROW_STRIDE, next_weights[0] + next_weights[1] + next_weights[2])
+def _store_weight_sums(rows: Pointer[F32], first_weights: F32x8x3, second_weights: F32x8x3) -> None:
+    """Store the sum of ``first_weights`` in row 0, and that of ``second_weights`` in row 1."""
+    vec.store(rows, 0, first_weights[0] + first_weights[1] + first_weights[2])
+    vec.store(rows, ROW_STRIDE, second_weights[0] + second_weights[1] + second_weights[2])
 
 
 @inlined
@@ -300,7 +300,7 @@ def _store_extras(context: ShadingContext, at: I64, weights: Weights, extras: Co
     sums, uv1_at = context.span_sums, UV_SET_ROWS * ROW_STRIDE + at
     if context.attributes & HAS_UV1:
         _store_attributes(advance(sums.uv, uv1_at), 2, weights.start, weights.per_pixel, extras, EXTRA_UV1)
-        if context.material.has_gradients != 0:
+        if context.material.reads_gradients != 0:
             across, down = weights.per_column, weights.per_row
             _store_attributes(advance(sums.uv_gradient, uv1_at), 2, across, down, extras, EXTRA_UV1)
     if context.attributes & HAS_TANGENTS:

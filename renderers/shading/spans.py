@@ -78,7 +78,7 @@ def begin_rows(
 ) -> None:
     """Give a ShadingContext its working memory for rows of at most ``max_pixels``; ``end_rows`` frees it."""
     context.inputs, context.span_sums, context.pixels = inputs, span_sums, pixels
-    # ``interpolation`` reads the word of the pixel after the last one, and the next word.
+    # ``interpolation`` reads words up to pixel_count // 64 + 1, and does not use bits of pixels from pixel_count on.
     context.start_bits = i64_at(allocate(8 * (max_pixels // _PIXELS_PER_WORD + 2)))
     # As many spans as pixels at most, and the vector that ``find_spans`` stores after them.
     context.span_starts = i32_at(allocate(4 * (max_pixels + vec.LANES)))
@@ -117,8 +117,6 @@ def find_spans(context: ShadingContext, y: I64, columns: Address, pixel_ids: Poi
             bits &= (i64(1) << (pixel_count - first_pixel)) - 1
         _append_spans(context, first_pixel, bits, span_count)
         span_count += vec.count_bits(bits)
-    # ``interpolation`` also reads bits after those of the last pixel, for lanes that are not used: any value will do.
-    context.start_bits[(pixel_count + _PIXELS_PER_WORD - 1) // _PIXELS_PER_WORD] = _ALL_BITS
     vec.store(context.span_starts, span_count, vec.i32(pixel_count))  # where the last span ends
     return span_count
 

@@ -115,7 +115,7 @@ class HeadlightJob:
         light = CameraLightJob(look.camera_light, camera) if look.camera_light is not None else None
         has_key = look.camera_light is not None and look.camera_light.key is not None
         shading_job = ShadingJob(
-            shading, camera, first_ids, X_camera_mesh, area_filter=look.area_filter, has_points=light is not None
+            shading, camera, first_ids, X_camera_mesh, area_filter=look.area_filter, reads_positions=light is not None
         )
         job = np.empty(1, HeadlightInputs.dtype)
         red, green, blue = look.background

@@ -301,7 +301,7 @@ def _job(
 ) -> tuple[NDArray[Any], tuple[object, ...]]:
     """Return a StudioInputs, and the objects that its addresses point into."""
     ids_address, poses_address = address_of(first_ids, np.int64), address_of(X_camera_mesh, np.float64)
-    shading_job = ShadingJob(shading, camera, ids_address, poses_address, has_points=True, has_flat_normals=True)
+    shading_job = ShadingJob(shading, camera, ids_address, poses_address, reads_positions=True, reads_flat_normals=True)
     job = np.zeros(1, layout.StudioInputs.dtype)
     job["shading"] = shading_job.address
     job["lighting"] = address_of(lighting.struct, layout.StudioLighting.dtype)
