@@ -196,7 +196,7 @@ def _depth_rule(frame: RasterFrame, faces: I64) -> I64:
         # Drawn after the front faces, some of which have higher ids. Never PEELED: only opaque frames keep back faces.
         return ANY_ORDER
     # A pass of depth peeling has layers that bound it, or takes the latest primitive.
-    is_peeling = frame.behind_ids != 0 or frame.in_front_of_ids != 0 or frame.ids_below != 0
+    is_peeling = frame.near_bound_ids != 0 or frame.far_bound_ids != 0 or frame.end_ids != 0
     return PEELED if is_peeling or frame.highest_id_wins != 0 else IN_ORDER
 
 

@@ -25,21 +25,21 @@ ANY_ORDER: Final = 2
 
 @device_function
 def _is_between(frame: RasterFrame, pixel: I64, inv_z: F32x8, ids: I32x8) -> Mask8:
-    """Return m8: pixels that the frame's bounds leave over, as far as it has them: behind the layer ``behind_ids`` by
-    depth, then id; not behind the layer ``in_front_of_ids`` by depth; with ids below ``ids_below``."""
+    """Return m8: pixels that the frame's bounds, as far as it has them, leave over: behind the layer ``near_bound_ids``
+    by depth, then id; not behind the layer ``far_bound_ids`` by depth; with ids below ``end_ids``."""
     zero = vec.i32(0)
     passed = zero == zero  # all
-    if frame.behind_ids != 0:
-        layer_ids = vec.load(i32_at(frame.behind_ids), pixel)
-        layer_inv_z = vec.load(f32_at(frame.behind_inv_z), pixel)
+    if frame.near_bound_ids != 0:
+        layer_ids = vec.load(i32_at(frame.near_bound_ids), pixel)
+        layer_inv_z = vec.load(f32_at(frame.near_bound_inv_z), pixel)
         is_behind = (inv_z < layer_inv_z) | ((inv_z == layer_inv_z) & (ids < layer_ids))
         passed = passed & (layer_ids >= zero) & is_behind
-    if frame.in_front_of_ids != 0:
-        layer_ids = vec.load(i32_at(frame.in_front_of_ids), pixel)
-        layer_inv_z = vec.load(f32_at(frame.in_front_of_inv_z), pixel)
+    if frame.far_bound_ids != 0:
+        layer_ids = vec.load(i32_at(frame.far_bound_ids), pixel)
+        layer_inv_z = vec.load(f32_at(frame.far_bound_inv_z), pixel)
         passed = passed & ((layer_ids < zero) | (inv_z >= layer_inv_z))
-    if frame.ids_below != 0:
-        passed = passed & (ids < vec.load(i32_at(frame.ids_below), pixel))
+    if frame.end_ids != 0:
+        passed = passed & (ids < vec.load(i32_at(frame.end_ids), pixel))
     return passed
 
 

@@ -105,10 +105,10 @@ class FrameJob:
             X_world_camera=camera.X_world_camera.ravel(),
             X_world_mesh=prepared.X_world_mesh_at,
             instance_count=count,
-            depth=depth,
-            label=label,
-            instance=instance,
-            normal=normal,
+            depth_out=depth,
+            label_out=label,
+            instance_out=instance,
+            normal_out=normal,
             band_memory_bytes=band_bytes,
             stop=current_stop().address,
             transform_kernel=_kernel_address(transform),
@@ -144,12 +144,12 @@ class FrameJob:
     ) -> None:
         """Set the layer, and those that bound it as in ``Rasterizer.visibility``. Their rows have ``stride`` pixels."""
         frame = self._frame
-        for name, each in (("layer", layer), ("behind", behind), ("in_front_of", in_front_of)):
+        for name, each in (("layer", layer), ("near_bound", behind), ("far_bound", in_front_of)):
             if each is not None:
                 frame[f"{name}_ids"] = self._address(each.ids, np.int32)
                 frame[f"{name}_inv_z"] = self._address(each.inv_z, np.float32)
         if ids_below is not None:
-            frame["ids_below"] = self._address(ids_below, np.int32)
+            frame["end_ids"] = self._address(ids_below, np.int32)
         frame["highest_id_wins"] = latest
 
     def _address(self, array: NDArray[Any], dtype: type[np.generic]) -> int:

@@ -93,7 +93,7 @@ class SmallTriangle(Struct):
     """The first eight words, up to ``kind``, and the next eight are a vector load each, see ``small_triangles``. ``id``
     and ``kind`` are where Primitive has them. The changes of the third edge are not stored: the three sum to 0."""
 
-    edges: Pointer[I32] = inline(3)  # edge functions at the first pixel centre of the box; inside where all are >= 0
+    edge_base: Pointer[I32] = inline(3)  # edge functions at the box's first pixel centre; inside where all are >= 0
     edge_dx: Pointer[I32] = inline(2)  # change per column of the first two
     edge0_dy: I32  # change per row of the first
     id: I32
@@ -108,8 +108,8 @@ class SmallTriangle(Struct):
     inv_z_max: F32
 
 
-SMALL_FIELDS: Final = SmallTriangle.places(4)
-"""Index of each field in the struct as int32 values; of ``edges`` and ``edge_dx``, that of the first value."""
+SMALL_FIELD_INDEX: Final = SmallTriangle.places(4)
+"""Index of each field in the struct as int32 values; of ``edge_base`` and ``edge_dx``, that of the first value."""
 SMALL_FIELD_COUNT: Final = SmallTriangle.nbytes // 4
 
 
@@ -200,7 +200,7 @@ class RasterFrame(Struct):
     instances: RasterInstance  # and a row for the totals
     first_ids: Pointer[I64]  # first_id of each, and the total: an array that ``instance_of`` searches
     labels: Pointer[I32]  # bits of uint32 labels
-    instance_ids: Pointer[I32]  # values of the output ``instance``
+    instance_ids: Pointer[I32]  # values for ``instance_out``
     X_world_mesh: Pointer[F64]  # (4, 4) each
     X_camera_mesh: Pointer[F64]  # (4, 4) each
     poses_ready: I64  # flag: X_camera_mesh is filled
@@ -228,21 +228,21 @@ class RasterFrame(Struct):
 
     # Depth peeling: bounds of what passes the depth test, (height, stride) each: ids are int32, inv_z float32.
     # Fragments lie behind this layer, or at its depth with a lower id; none passes where it is empty.
-    behind_ids: Address
-    behind_inv_z: Address
+    near_bound_ids: Address
+    near_bound_inv_z: Address
     # Fragments lie in front of this layer, or at its depth; all pass where it is empty.
-    in_front_of_ids: Address
-    in_front_of_inv_z: Address
-    ids_below: Address  # fragments have ids below these
+    far_bound_ids: Address
+    far_bound_inv_z: Address
+    end_ids: Address  # fragments have ids below these
     highest_id_wins: I64  # flag: a pixel sees the fragment drawn last, not the nearest (layers by drawing order)
 
     # Results. The layer is (height, stride); without it, each thread has a layer of one band.
     layer_ids: Address
     layer_inv_z: Address
-    depth: Address  # outputs, as in interface.Frame
-    label: Address
-    instance: Address
-    normal: Address
+    depth_out: Address  # as in interface.Frame; 0: not wanted
+    label_out: Address
+    instance_out: Address
+    normal_out: Address
 
     # Memory.
     draws: Draw  # (draw_count + 1)

@@ -37,18 +37,18 @@ def resolve_band(frame_address: Address, first_row: I64, end_row: I64, band_memo
     frame, layer = RasterFrame(frame_address), Layer()
     set_band_layer(frame, layer, first_row, band_memory)
     for row in range(first_row, end_row):
-        pixel, out_pixel = (row - layer.first_row) * frame.stride, row * frame.width
-        row_ids, row_inv_z = advance(layer.ids, pixel), advance(layer.inv_z, pixel)
+        row_start, out_row_start = (row - layer.first_row) * frame.stride, row * frame.width
+        row_ids, row_inv_z = advance(layer.ids, row_start), advance(layer.inv_z, row_start)
         # The whole row of one output, then that of the next: the stores to a cache line follow each other.
-        if frame.depth != 0:
-            _resolve_depth_row(row_inv_z, row_ids, advance(f32_at(frame.depth), out_pixel), frame.width)
-        if frame.label != 0:
-            out = advance(i32_at(frame.label), out_pixel)
+        if frame.depth_out != 0:
+            _resolve_depth_row(row_inv_z, row_ids, advance(f32_at(frame.depth_out), out_row_start), frame.width)
+        if frame.label_out != 0:
+            out = advance(i32_at(frame.label_out), out_row_start)
             _resolve_instance_row(frame, row_ids, frame.labels, _BACKGROUND_LABEL, out)
-        if frame.instance != 0:
-            out = advance(i32_at(frame.instance), out_pixel)
+        if frame.instance_out != 0:
+            out = advance(i32_at(frame.instance_out), out_row_start)
             _resolve_instance_row(frame, row_ids, frame.instance_ids, _BACKGROUND_INSTANCE_ID, out)
-    if frame.normal != 0:  # a kernel by address, since it is compiled only after the server is ready
+    if frame.normal_out != 0:  # a kernel by address, since it is compiled only after the server is ready
         call_kernel(frame.normals_kernel, (frame_address, first_row, end_row, band_memory))
 
 
@@ -90,18 +90,18 @@ def _resolve_instance_row(
     """
     first_ids, width = frame.first_ids, frame.width
     # The instance looked up last, its value and its range of primitive ids, which is empty at first.
-    cached_index, cached_value, first_id, end_id = i64(0), i32(0), i64(0), i64(0)
+    cached_index, cached_value, cached_first_id, cached_end_id = i64(0), i32(0), i64(0), i64(0)
     for column in range(0, width, vec.LANES):
         ids = vec.load(row_ids, column)
-        sees_cached = (ids >= vec.i32(first_id)) & (ids < vec.i32(end_id))
+        sees_cached = (ids >= vec.i32(cached_first_id)) & (ids < vec.i32(cached_end_id))
         values = vec.select(sees_cached, vec.i32(cached_value), vec.i32(background))
         pending = vec.movemask((ids >= vec.i32(0)) & ~sees_cached)
         while pending != 0:  # look up the instance of the first pixel left, for all pixels that see it
             primitive_id = i64(row_ids[column + vec.lowest_bit(pending)])
             cached_index = instance_of(first_ids, frame.instance_count, primitive_id, cached_index)
             cached_value = instance_values[cached_index]
-            first_id, end_id = first_ids[cached_index], first_ids[cached_index + 1]
-            sees_cached = (ids >= vec.i32(first_id)) & (ids < vec.i32(end_id))
+            cached_first_id, cached_end_id = first_ids[cached_index], first_ids[cached_index + 1]
+            sees_cached = (ids >= vec.i32(cached_first_id)) & (ids < vec.i32(cached_end_id))
             values = vec.select(sees_cached, vec.i32(cached_value), values)
             pending &= ~vec.movemask(sees_cached)
         _store_columns(out, column, width, values)

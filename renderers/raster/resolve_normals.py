@@ -64,7 +64,7 @@ def resolve_normals(frame_address: Address, first_row: I64, end_row: I64, band_m
 @inlined
 def _row_of_normals(frame: RasterFrame, row: I64) -> Pointer[F32]:
     """Return a row of the output, (width, 3)."""
-    return advance(f32_at(frame.normal), 3 * row * frame.width)
+    return advance(f32_at(frame.normal_out), 3 * row * frame.width)
 
 
 @device_function

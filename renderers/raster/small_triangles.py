@@ -33,7 +33,7 @@ from renderers.compiler.structs import Struct, inline
 from renderers.raster.depth_test import depth_test
 from renderers.raster.layout import (
     MAX_SMALL_WIDTH,
-    SMALL_FIELDS,
+    SMALL_FIELD_INDEX,
     SUBPIXEL_BITS,
     Layer,
     RasterFrame,
@@ -54,7 +54,7 @@ _LOG2_BLOCK_COLUMNS: Final = vec.LANES.bit_length() - 1
 assert MAX_SMALL_WIDTH // vec.LANES < 2 * _BITS_PER_BLOCK_ROW
 assert BAND_ROWS == 4 * _GROUP_ROWS
 # Two vectors have all fields of a SmallTriangle: the first ends with ``kind``, the second begins with ``edge1_dy``.
-assert (SMALL_FIELDS.kind, SMALL_FIELDS.edge1_dy) == (vec.LANES - 1, vec.LANES)
+assert (SMALL_FIELD_INDEX.kind, SMALL_FIELD_INDEX.edge1_dy) == (vec.LANES - 1, vec.LANES)
 
 
 class SmallTriangleSpans(Struct):
@@ -68,7 +68,7 @@ class SmallTriangleSpans(Struct):
     # in bits 0 to 7. Byte r of the second: block 8, since a box that is not aligned touches up to nine.
     block_masks: Pointer[I64] = inline(2)
     first_group_row: I64  # first row of the first group, in the image
-    row_count: I64  # within the band
+    rows_in_band: I64
     aligned_left: I64  # first column of the first block, in the image: a multiple of eight
     aligned_left_in_box: I64  # the same, counted from the box's first column: perhaps negative
 
@@ -120,7 +120,7 @@ def find_small_spans(
     spans.triangle = triangle
     spans.block_masks[0], spans.block_masks[1] = first_mask, second_mask
     spans.first_group_row = first_group_row
-    spans.row_count = min(end_row - first_group_row, _GROUP_ROWS * group_count)
+    spans.rows_in_band = min(end_row - first_group_row, _GROUP_ROWS * group_count)
     spans.aligned_left, spans.aligned_left_in_box = aligned_left, aligned_left_in_box
 
 
@@ -167,11 +167,12 @@ def _load_edges(triangle: SmallTriangle) -> _ScanlineEdges:
     """
     words, shift = i32_at(address(triangle)), vec.i32(SUBPIXEL_BITS)
     first, second = vec.to_f32(vec.load(words, 0) >> shift), vec.to_f32(vec.load(words, vec.LANES) >> shift)
-    base0, base1 = _broadcast_lane(first, SMALL_FIELDS.edges), _broadcast_lane(first, SMALL_FIELDS.edges + 1)
-    base2 = _broadcast_lane(first, SMALL_FIELDS.edges + 2)
-    dx0, dx1 = _broadcast_lane(first, SMALL_FIELDS.edge_dx), _broadcast_lane(first, SMALL_FIELDS.edge_dx + 1)
-    dy0 = _broadcast_lane(first, SMALL_FIELDS.edge0_dy)
-    dy1 = _broadcast_lane(second, SMALL_FIELDS.edge1_dy - vec.LANES)
+    base0 = _broadcast_lane(first, SMALL_FIELD_INDEX.edge_base)
+    base1 = _broadcast_lane(first, SMALL_FIELD_INDEX.edge_base + 1)
+    base2 = _broadcast_lane(first, SMALL_FIELD_INDEX.edge_base + 2)
+    dx0, dx1 = _broadcast_lane(first, SMALL_FIELD_INDEX.edge_dx), _broadcast_lane(first, SMALL_FIELD_INDEX.edge_dx + 1)
+    dy0 = _broadcast_lane(first, SMALL_FIELD_INDEX.edge0_dy)
+    dy1 = _broadcast_lane(second, SMALL_FIELD_INDEX.edge1_dy - vec.LANES)
     half, zero, no_limit = vec.f32(0.5), vec.f32(0.0), vec.f32(math.nan)
     dx2, dy2 = zero - dx0 - dx1, zero - dy0 - dy1
     # One division for all three edges, in lanes 0 to 2.
@@ -244,17 +245,17 @@ def _limit_by_edge(left_limit: F32x8, right_limit: F32x8, edges: _ScanlineEdges,
 
 
 @inlined
-def _block_masks(begin_in_blocks: I32x8, column_count: I32x8) -> tuple[I64, I64]:
+def _block_masks(begin_from_aligned_left: I32x8, column_count: I32x8) -> tuple[I64, I64]:
     """Return the two masks, as SmallTriangleSpans.block_masks, of the blocks of eight rows with any covered column.
 
     Args:
-        begin_in_blocks: the rows' first covered columns, counted from the first block's first.
+        begin_from_aligned_left: the rows' first covered columns, counted from ``aligned_left``.
         column_count: number of the rows' covered columns.
     """
     log2_columns, none = vec.i32(_LOG2_BLOCK_COLUMNS), vec.i32(0)
     # Bit b of a lane is block b of a row: ones from the block of the first covered column up to that of the last.
-    end = begin_in_blocks + column_count + vec.i32(vec.LANES - 1)
-    blocks = (vec.i32(1) << (end >> log2_columns)) - (vec.i32(1) << (begin_in_blocks >> log2_columns))
+    end_block = (begin_from_aligned_left + column_count + vec.i32(vec.LANES - 1)) >> log2_columns
+    blocks = (vec.i32(1) << end_block) - (vec.i32(1) << (begin_from_aligned_left >> log2_columns))
     blocks = vec.select(column_count > none, blocks, none)
     # The upper and the lower block row have up to nine blocks each: 0 to 7 go to the first mask, 8 to the second.
     is_upper = vec.iota() < vec.i32(_BLOCK_ROWS)
@@ -272,11 +273,11 @@ def _draw_block(
     triangle = spans.triangle
     inv_z_min, inv_z_max, ids = vec.f32(triangle.inv_z_min), vec.f32(triangle.inv_z_max), vec.i32(triangle.id)
     columns_in_box = vec.i32(spans.aligned_left_in_box + column_in_blocks) + vec.iota()
-    column_inv_z = vec.f32(triangle.inv_z_dx) * vec.to_f32(columns_in_box)
+    inv_z_from_box_left = vec.f32(triangle.inv_z_dx) * vec.to_f32(columns_in_box)
     row_in_layer = spans.first_group_row + row_in_groups - layer.first_row
     pixel = row_in_layer * frame.stride + spans.aligned_left + column_in_blocks
-    for row in range(row_in_groups, min(row_in_groups + _BLOCK_ROWS, spans.row_count)):
-        inv_z = vec.f32(spans.row_inv_z[row]) + column_inv_z
+    for row in range(row_in_groups, min(row_in_groups + _BLOCK_ROWS, spans.rows_in_band)):
+        inv_z = vec.f32(spans.row_inv_z[row]) + inv_z_from_box_left
         inv_z = vec.minimum(vec.maximum(inv_z, inv_z_min), inv_z_max)
         # One comparison of unsigned numbers tells whether a column is in the span.
         column_in_span = columns_in_box - vec.i32(spans.row_begin_in_box[row])

@@ -28,7 +28,7 @@ from renderers.raster.layout import (
     MAX_SMALL_HEIGHT,
     MAX_SMALL_WIDTH,
     SMALL_FIELD_COUNT,
-    SMALL_FIELDS,
+    SMALL_FIELD_INDEX,
     Chunk,
     RasterFrame,
     SmallTriangle,
@@ -158,9 +158,9 @@ def _fits_small(box: Box[I32x8], inv_z: F32x8x3) -> Mask8:
 
 
 @inlined
-def _swap_last_two(swapped: Mask8, corners: I32x8x3) -> I32x8x3:
+def _swap_last_two(swapped: Mask8, coordinate: I32x8x3) -> I32x8x3:
     """Return a coordinate of the three corners, the last two exchanged in the lanes of ``swapped``."""
-    return select3(swapped, (corners[0], corners[2], corners[1]), corners)
+    return select3(swapped, (coordinate[0], coordinate[2], coordinate[1]), coordinate)
 
 
 @inlined
@@ -170,22 +170,22 @@ def _store_transposed(rows: Pointer[I32], triangles: EightTriangles) -> None:
     half_shift = vec.i32(16)
     packed_corner = (box.top << half_shift) | (box.left & vec.i32(0xFFFF))
     packed_size = ((box.bottom - box.top) << half_shift) | (box.right - box.left)
-    _store_row(rows, SMALL_FIELDS.edges, edges.base[0])
-    _store_row(rows, SMALL_FIELDS.edges + 1, edges.base[1])
-    _store_row(rows, SMALL_FIELDS.edges + 2, edges.base[2])
-    _store_row(rows, SMALL_FIELDS.edge_dx, edges.dx[0])
-    _store_row(rows, SMALL_FIELDS.edge_dx + 1, edges.dx[1])
-    _store_row(rows, SMALL_FIELDS.edge0_dy, edges.dy[0])
-    _store_row(rows, SMALL_FIELDS.edge1_dy, edges.dy[1])
-    _store_row(rows, SMALL_FIELDS.id, ids)
-    _store_row(rows, SMALL_FIELDS.kind, vec.i32(KIND_SMALL))
-    _store_row(rows, SMALL_FIELDS.box_corner, packed_corner)
-    _store_row(rows, SMALL_FIELDS.box_size, packed_size)
-    _store_row(rows, SMALL_FIELDS.inv_z_base, vec.float_bits(plane.base))
-    _store_row(rows, SMALL_FIELDS.inv_z_dx, vec.float_bits(plane.dx))
-    _store_row(rows, SMALL_FIELDS.inv_z_dy, vec.float_bits(plane.dy))
-    _store_row(rows, SMALL_FIELDS.inv_z_min, vec.float_bits(plane.min))
-    _store_row(rows, SMALL_FIELDS.inv_z_max, vec.float_bits(plane.max))
+    _store_row(rows, SMALL_FIELD_INDEX.edge_base, edges.base[0])
+    _store_row(rows, SMALL_FIELD_INDEX.edge_base + 1, edges.base[1])
+    _store_row(rows, SMALL_FIELD_INDEX.edge_base + 2, edges.base[2])
+    _store_row(rows, SMALL_FIELD_INDEX.edge_dx, edges.dx[0])
+    _store_row(rows, SMALL_FIELD_INDEX.edge_dx + 1, edges.dx[1])
+    _store_row(rows, SMALL_FIELD_INDEX.edge0_dy, edges.dy[0])
+    _store_row(rows, SMALL_FIELD_INDEX.edge1_dy, edges.dy[1])
+    _store_row(rows, SMALL_FIELD_INDEX.id, ids)
+    _store_row(rows, SMALL_FIELD_INDEX.kind, vec.i32(KIND_SMALL))
+    _store_row(rows, SMALL_FIELD_INDEX.box_corner, packed_corner)
+    _store_row(rows, SMALL_FIELD_INDEX.box_size, packed_size)
+    _store_row(rows, SMALL_FIELD_INDEX.inv_z_base, vec.float_bits(plane.base))
+    _store_row(rows, SMALL_FIELD_INDEX.inv_z_dx, vec.float_bits(plane.dx))
+    _store_row(rows, SMALL_FIELD_INDEX.inv_z_dy, vec.float_bits(plane.dy))
+    _store_row(rows, SMALL_FIELD_INDEX.inv_z_min, vec.float_bits(plane.min))
+    _store_row(rows, SMALL_FIELD_INDEX.inv_z_max, vec.float_bits(plane.max))
 
 
 @inlined

@@ -44,28 +44,28 @@ def pixel_columns(columns: I64, x: I64) -> I32x8:
 
 
 @inlined
-def _span_values(rows: Pointer[F32], row: I64, at: I64, offsets: I32x8) -> F32x8:
+def _span_values(rows: Pointer[F32], row: I64, slot: I64, offsets: I32x8) -> F32x8:
     """Return the values in a row of SpanSums for the spans of eight pixels.
 
     Args:
         rows: pointer to a field of SpanSums, of which ``row`` is one row.
         at: index in SpanSums of the first pixel's span; seven more are loaded.
-        offsets: index of each pixel's span, counted from ``at``.
+        offsets: index of each pixel's span, counted from ``slot``.
     """
-    return vec.permute(vec.load(rows, row * ROW_STRIDE + at), offsets)
+    return vec.permute(vec.load(rows, row * ROW_STRIDE + slot), offsets)
 
 
 @inlined
-def _along_span(rows: Pointer[F32], row: I64, components: I64, at: I64, offsets: I32x8, t: F32x8) -> F32x8:
+def _along_span(rows: Pointer[F32], row: I64, components: I64, slot: I64, offsets: I32x8, t: F32x8) -> F32x8:
     """Return a value that is linear along spans, at eight pixels.
 
     Args:
-        rows, at, offsets: as in ``_span_values``.
+        rows, slot, offsets: as in ``_span_values``.
         row: row of the value at the first pixel of each span. Its change per pixel is ``components`` rows
             further.
         t: pixels from the beginning of each pixel's span.
     """
-    return _span_values(rows, row, at, offsets) + _span_values(rows, row + components, at, offsets) * t
+    return _span_values(rows, row, slot, offsets) + _span_values(rows, row + components, slot, offsets) * t
 
 
 @device_function
@@ -86,43 +86,43 @@ def interpolate(context: ShadingContext, begin: I64, end: I64) -> None:
     sums, pixels, start_bits, columns = context.span_sums, context.pixels, context.start_bits, context.columns
     attributes, span_offsets = context.attributes, context.inputs.span_offsets
     reads_gradients, reads_positions = context.material.reads_gradients != 0, context.inputs.reads_positions != 0
-    at = i64(0)
+    slot = i64(0)
     for x in range(begin, end, vec.LANES):
         pixel = x - begin  # in the part, as in _store_gradient
         # Seven bits tell the spans of these eight pixels: a row of spans.SPAN_OFFSETS. With the eighth bit, that of the
-        # next eight's first pixel, their number takes ``at`` to that pixel's span.
+        # next eight's first pixel, their number takes ``slot`` to that pixel's span.
         starts = _span_starts_after(start_bits, x)
         offsets = vec.load(span_offsets, vec.LANES * (starts & 127))
         column = vec.to_f32(pixel_columns(columns, x))
-        t = column - _span_values(sums.first_column, 0, at, offsets)
+        t = column - _span_values(sums.first_column, 0, slot, offsets)
         normal = (
-            _along_span(sums.normal, 0, 3, at, offsets, t),
-            _along_span(sums.normal, 1, 3, at, offsets, t),
-            _along_span(sums.normal, 2, 3, at, offsets, t),
+            _along_span(sums.normal, 0, 3, slot, offsets, t),
+            _along_span(sums.normal, 1, 3, slot, offsets, t),
+            _along_span(sums.normal, 2, 3, slot, offsets, t),
         )
         store3(pixels.normal, pixel, ROW_STRIDE, normal)
         if attributes & _OTHER_ATTRIBUTES or reads_positions:
-            weight_sum = _along_span(sums.weight_sum, 0, 1, at, offsets, t)
+            weight_sum = _along_span(sums.weight_sum, 0, 1, slot, offsets, t)
             inv_weight_sum = vec.f32(1.0) / weight_sum
             for uv_set in range(2):
                 if attributes & (HAS_UV0 << uv_set):
                     for k in range(2):  # rows of a set in SpanSums: u, v, and their changes
-                        uv = _along_span(sums.uv, 4 * uv_set + k, 2, at, offsets, t) * inv_weight_sum
+                        uv = _along_span(sums.uv, 4 * uv_set + k, 2, slot, offsets, t) * inv_weight_sum
                         vec.store(pixels.uv, (2 * uv_set + k) * ROW_STRIDE + pixel, uv)
                         if reads_gradients:
-                            _store_gradient(context, uv_set, k, pixel, at, offsets, uv, inv_weight_sum)
+                            _store_gradient(context, uv_set, k, pixel, slot, offsets, uv, inv_weight_sum)
             if attributes & HAS_COLORS:
                 for k in range(4):
-                    color = _along_span(sums.color, k, 4, at, offsets, t) * inv_weight_sum
+                    color = _along_span(sums.color, k, 4, slot, offsets, t) * inv_weight_sum
                     vec.store(pixels.color, k * ROW_STRIDE + pixel, color)
             if attributes & HAS_TANGENTS:
                 # ``material`` reads which side is seen with tangents only.
-                vec.store(pixels.facing, pixel, _span_values(sums.facing, 0, at, offsets))
+                vec.store(pixels.facing, pixel, _span_values(sums.facing, 0, slot, offsets))
                 for k in range(4):
-                    vec.store(pixels.tangent, k * ROW_STRIDE + pixel, _along_span(sums.tangent, k, 4, at, offsets, t))
+                    vec.store(pixels.tangent, k * ROW_STRIDE + pixel, _along_span(sums.tangent, k, 4, slot, offsets, t))
             if reads_positions:
-                _store_surface(context, column, pixel, at, offsets, t)
-        at += vec.count_bits(starts)
+                _store_surface(context, column, pixel, slot, offsets, t)
+        slot += vec.count_bits(starts)
     for uv_set in range(2):  # sets that the material reads and the mesh lacks
         if context.material.uv_sets & (1 << uv_set) and not attributes & (HAS_UV0 << uv_set):
             _clear(pixels.uv, 2 * uv_set, 2, end - begin)
@@ -131,7 +131,7 @@ def interpolate(context: ShadingContext, begin: I64, end: I64) -> None:
 
 @inlined
 def _store_gradient(
-    context: ShadingContext, uv_set: I64, k: I64, pixel: I64, at: I64, offsets: I32x8, uv: F32x8, inv_weight_sum: F32x8
+    context: ShadingContext, uv_set: I64, k: I64, pixel: I64, slot: I64, offsets: I32x8, uv: F32x8, inv_sum: F32x8
 ) -> None:
     """Store how u (``k`` = 0) or v (1) of eight pixels changes per column and per row of the image.
 
@@ -140,33 +140,33 @@ def _store_gradient(
 
     Args:
         pixel: index in the part of the first of the pixels.
-        at, offsets: as in ``_span_values``.
+        slot, offsets: as in ``_span_values``.
         uv: u or v.
-        inv_weight_sum: 1 / W.
+        inv_sum: 1 / W.
     """
     sums = context.span_sums
     for axis in range(2):  # columns, rows
         # In SpanSums and in ShadedPixels: du/dx, dv/dx, du/dy, dv/dy of uv0, then of uv1.
         row = 4 * uv_set + 2 * axis + k
-        weight_sum_gradient = _span_values(sums.weight_sum_gradient, axis, at, offsets)
-        gradient = (_span_values(sums.uv_gradient, row, at, offsets) - uv * weight_sum_gradient) * inv_weight_sum
+        weight_sum_gradient = _span_values(sums.weight_sum_gradient, axis, slot, offsets)
+        gradient = (_span_values(sums.uv_gradient, row, slot, offsets) - uv * weight_sum_gradient) * inv_sum
         vec.store(context.pixels.uv_gradient, row * ROW_STRIDE + pixel, gradient)
 
 
 @device_function
-def _store_surface(context: ShadingContext, columns: F32x8, pixel: I64, at: I64, offsets: I32x8, t: F32x8) -> None:
+def _store_surface(context: ShadingContext, columns: F32x8, pixel: I64, slot: I64, offsets: I32x8, t: F32x8) -> None:
     """Store ``point`` of eight pixels, and ``flat_normal`` if it is read.
 
     Args:
         columns: image columns of the pixels.
-        pixel, at, offsets: as in ``_store_gradient``.
+        pixel, slot, offsets: as in ``_store_gradient``.
         t: as in ``_along_span``.
     """
     sums, pixels, inputs = context.span_sums, context.pixels, context.inputs
-    z = vec.f32(1.0) / _along_span(sums.inv_depth, 0, 1, at, offsets, t)
+    z = vec.f32(1.0) / _along_span(sums.inv_depth, 0, 1, slot, offsets, t)
     x = (columns + vec.f32(0.5 - inputs.cx)) * vec.f32(1.0 / inputs.fx) * z
     y = vec.f32((context.y + 0.5 - inputs.cy) / inputs.fy) * z
     store3(pixels.point, pixel, ROW_STRIDE, (x, y, z))
     if inputs.reads_flat_normals != 0:
         for k in range(3):
-            vec.store(pixels.flat_normal, k * ROW_STRIDE + pixel, _span_values(sums.flat_normal, k, at, offsets))
+            vec.store(pixels.flat_normal, k * ROW_STRIDE + pixel, _span_values(sums.flat_normal, k, slot, offsets))

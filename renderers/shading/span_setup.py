@@ -49,26 +49,26 @@ _COLOR_COLUMNS: Final = 4
 _ALL_LANES: Final = (1 << vec.LANES) - 1
 _PREFETCH_MIN_PRIMITIVES: Final = 1 << 16
 """Number of primitives from which an instance's vertices are prefetched: they have a megabyte or more."""
-Columns = TypeVar("Columns", F32x8x4, F32x8x8)
+VertexValues = TypeVar("VertexValues", F32x8x4, F32x8x8)
 """Colours, or VERTEX_COLUMNS or EXTRA_COLUMNS values, of one vertex of each of eight primitives."""
 
 
-class CornerAttributes(NamedTuple, Generic[Columns]):
+class CornerAttributes(NamedTuple, Generic[VertexValues]):
     """Attributes at the three vertices of eight primitives."""
 
-    a: Columns
-    b: Columns
-    c: Columns
+    a: VertexValues
+    b: VertexValues
+    c: VertexValues
 
 
 class CornerIndices(NamedTuple):
-    """Indices of the three vertices of eight primitives: those of lane k are ``a[position[k]]``, ``b[position[k]]`` and
-    ``c[position[k]]``. Of triangles, b and c point one and two values after a, of lines both one, of points none."""
+    """Indices of the vertices of eight primitives: a[i], b[i] and c[i] in lane k, where i = first_index[k]. Triangles:
+    b = a + 1, c = a + 2. Lines: b = c = a + 1. Points: b = c = a."""
 
     a: Pointer[U32]
     b: Pointer[U32]
     c: Pointer[U32]
-    position: I32x8
+    first_index: I32x8
 
 
 @device_function
@@ -89,9 +89,10 @@ def set_up_part(context: ShadingContext, first_span: I64, part_end_span: I64, en
 def set_up_part_kernel(context_address: Address, first_span: I64, part_end_span: I64, end_span: I64) -> None:
     """Kernel behind ``set_up_part``, compiled once for all looks; the result is ``has_constant_normals``."""
     context, has_constant_normals = ShadingContext(context_address), True
-    prefetches = context.instance.topology == TRIANGLES and context.end_id - context.first_id > _PREFETCH_MIN_PRIMITIVES
+    topology, primitive_count = context.instance.topology, context.end_id - context.first_id
+    is_large_mesh = topology == TRIANGLES and primitive_count > _PREFETCH_MIN_PRIMITIVES
     for span in range(first_span, part_end_span, vec.LANES):
-        if prefetches:
+        if is_large_mesh:
             _prefetch(context, span, end_span)
         span_count = min(part_end_span - span, vec.LANES)
         is_constant = _set_up_eight_spans(context, span, span_count, span - first_span)
@@ -108,16 +109,16 @@ def _prefetch(context: ShadingContext, span: I64, end_span: I64) -> None:
     primitive_ids, first_id = context.span_ids, context.first_id
     indices, vertices = context.instance.indices, context.instance.vertices
     for k in range(min(span + 2 * vec.LANES, end_span), min(span + 3 * vec.LANES, end_span)):
-        position = 3 * (i64(primitive_ids[k]) - first_id)
+        first_index = 3 * (i64(primitive_ids[k]) - first_id)
         for corner in range(3):
-            vec.prefetch(vertices, i64(indices[position + corner]) * VERTEX_COLUMNS)
+            vec.prefetch(vertices, i64(indices[first_index + corner]) * VERTEX_COLUMNS)
     for k in range(min(span + 4 * vec.LANES, end_span), min(span + 5 * vec.LANES, end_span)):
         vec.prefetch(indices, 3 * (i64(primitive_ids[k]) - first_id))
 
 
 @device_function
-def _set_up_eight_spans(context: ShadingContext, span: I64, span_count: I64, at: I64) -> bool:
-    """Set up 1 to 8 spans from ``span`` on: the eight values from ``at`` on of each row of SpanSums.
+def _set_up_eight_spans(context: ShadingContext, span: I64, span_count: I64, slot: I64) -> bool:
+    """Set up 1 to 8 spans from ``span`` on: the eight values from ``slot`` on of each row of SpanSums.
 
     Returns:
         True if the normal is constant along each span.
@@ -135,7 +136,7 @@ def _set_up_eight_spans(context: ShadingContext, span: I64, span_count: I64, at:
 
     # Vertices, in the camera's optical frame: x right, y down, z forward.
     corner_indices = _corner_indices(context, primitive_id)
-    corner_values = _load_eight_columns(context.instance.vertices, corner_indices)
+    corner_values = _load_eight_values(context.instance.vertices, corner_indices)
     p0 = transform_points(context.X_camera_mesh, corner_values.a)
     p1 = transform_points(context.X_camera_mesh, corner_values.b)
     p2 = transform_points(context.X_camera_mesh, corner_values.c)
@@ -149,28 +150,28 @@ def _set_up_eight_spans(context: ShadingContext, span: I64, span_count: I64, at:
     facing = vec.select(determinant > vec.f64(0.0), -mirror_sign, mirror_sign)
 
     # Attributes that the mesh has and the material reads.
-    vec.store(sums.first_column, at, vec.to_f32(first_column))
-    vec.store(sums.facing, at, facing)
-    _store_weight_sums(advance(sums.weight_sum, at), weights.start, weights.per_pixel)
+    vec.store(sums.first_column, slot, vec.to_f32(first_column))
+    vec.store(sums.facing, slot, facing)
+    _store_weight_sums(advance(sums.weight_sum, slot), weights.start, weights.per_pixel)
     has_constant_normals = True
     if attributes & HAS_NORMALS:
-        has_constant_normals = _store_normals(context, at, weights, corner_values, facing)
+        has_constant_normals = _store_normals(context, slot, weights, corner_values, facing)
     if not attributes & HAS_NORMALS or context.inputs.reads_flat_normals != 0:
-        _store_flat_normals(context, at, p0, p1, p2, sign)
+        _store_flat_normals(context, slot, p0, p1, p2, sign)
     if attributes & HAS_UV0:
-        _store_attributes(advance(sums.uv, at), 2, weights.start, weights.per_pixel, corner_values, VERTEX_UV0)
+        _store_attributes(advance(sums.uv, slot), 2, weights.start, weights.per_pixel, corner_values, VERTEX_UV0)
     if context.inputs.reads_positions != 0:
         depths = p0[2], p1[2], p2[2]
         inv_depth, per_pixel = inverse_depths(matrix, determinant, sign, rays, step_count, depths)
-        vec.store(sums.inv_depth, at, vec.to_f32(inv_depth))
-        vec.store(sums.inv_depth, ROW_STRIDE + at, vec.to_f32(per_pixel))
+        vec.store(sums.inv_depth, slot, vec.to_f32(inv_depth))
+        vec.store(sums.inv_depth, ROW_STRIDE + slot, vec.to_f32(per_pixel))
     if material.reads_gradients != 0:
-        _store_gradients(context, at, weights, corner_values)
+        _store_gradients(context, slot, weights, corner_values)
     if attributes & HAS_COLORS:
         colors = _load_colors(context.instance.colors, corner_indices)
-        _store_attributes(advance(sums.color, at), _COLOR_COLUMNS, weights.start, weights.per_pixel, colors, 0)
+        _store_attributes(advance(sums.color, slot), _COLOR_COLUMNS, weights.start, weights.per_pixel, colors, 0)
     if attributes & (HAS_UV1 | HAS_TANGENTS):
-        _store_extras(context, at, weights, _load_eight_columns(context.instance.extras, corner_indices))
+        _store_extras(context, slot, weights, _load_eight_values(context.instance.extras, corner_indices))
     return has_constant_normals
 
 
@@ -183,28 +184,28 @@ def _corner_indices(context: ShadingContext, primitive_id: I32x8) -> CornerIndic
 
 
 @inlined
-def _load_eight_columns(table: Pointer[F32], corner_indices: CornerIndices) -> CornerAttributes[F32x8x8]:
+def _load_eight_values(table: Pointer[F32], corner_indices: CornerIndices) -> CornerAttributes[F32x8x8]:
     """Return the vertices' values in a table of eight columns."""
-    a, b, c, position = corner_indices
+    a, b, c, first_index = corner_indices
     return CornerAttributes(
-        vec.load_rows(table, a, position), vec.load_rows(table, b, position), vec.load_rows(table, c, position)
+        vec.load_rows(table, a, first_index), vec.load_rows(table, b, first_index), vec.load_rows(table, c, first_index)
     )
 
 
 @inlined
 def _load_colors(colors: Pointer[F32], corner_indices: CornerIndices) -> CornerAttributes[F32x8x4]:
     """Return the vertices' colours."""
-    a, b, c, position = corner_indices
-    columns = vec.i32(_COLOR_COLUMNS)
+    a, b, c, first_index = corner_indices
+    value_count = vec.i32(_COLOR_COLUMNS)
     return CornerAttributes(
-        vec.load_quads(colors, vec.gather(a, position) * columns),
-        vec.load_quads(colors, vec.gather(b, position) * columns),
-        vec.load_quads(colors, vec.gather(c, position) * columns),
+        vec.load_quads(colors, vec.gather(a, first_index) * value_count),
+        vec.load_quads(colors, vec.gather(b, first_index) * value_count),
+        vec.load_quads(colors, vec.gather(c, first_index) * value_count),
     )
 
 
 @inlined
-def _weighted_sum(weights: F32x8x3, corner_values: CornerAttributes[Columns], k: I64) -> F32x8:
+def _weighted_sum(weights: F32x8x3, corner_values: CornerAttributes[VertexValues], k: I64) -> F32x8:
     """Return the weighted sum of value ``k``."""
     return weights[0] * corner_values.a[k] + weights[1] * corner_values.b[k] + weights[2] * corner_values.c[k]
 
@@ -225,7 +226,7 @@ def _store_attributes(
     row_count: I64,
     first_weights: F32x8x3,
     second_weights: F32x8x3,
-    corner_values: CornerAttributes[Columns],
+    corner_values: CornerAttributes[VertexValues],
     first_value: I64,
 ) -> None:
     """Store the sums of value j by ``first_weights`` in row j, and by ``second_weights`` in row ``row_count`` + j."""
@@ -243,26 +244,27 @@ def _store_weight_sums(rows: Pointer[F32], first_weights: F32x8x3, second_weight
 
 @inlined
 def _store_normals(
-    context: ShadingContext, at: I64, weights: Weights, corner_values: CornerAttributes[F32x8x8], facing: F32x8
+    context: ShadingContext, slot: I64, weights: Weights, corner_values: CornerAttributes[F32x8x8], facing: F32x8
 ) -> bool:
     """Store sums of vertex normals, any length; return True if constant along spans. ``facing``: as in SpanSums."""
-    normals, matrix, k = advance(context.span_sums.normal, at), context.matrices.normal, VERTEX_NORMAL
-    a, b, c = corner_values.a, corner_values.b, corner_values.c
-    is_same = (a[k] == b[k]) & (a[k + 1] == b[k + 1]) & (a[k + 2] == b[k + 2])
-    is_same = is_same & (a[k] == c[k]) & (a[k + 1] == c[k + 1]) & (a[k + 2] == c[k + 2])
+    normals, matrix = advance(context.span_sums.normal, slot), context.matrices.normal
+    a, b, c = corner_values
+    x, y, z = VERTEX_NORMAL, VERTEX_NORMAL + 1, VERTEX_NORMAL + 2
+    is_same = (a[x] == b[x]) & (a[y] == b[y]) & (a[z] == b[z])
+    is_same = is_same & (a[x] == c[x]) & (a[y] == c[y]) & (a[z] == c[z])
     is_constant = vec.movemask(is_same) == _ALL_LANES
     zero = vec.f32(0.0)
-    start, per_pixel = (a[k], a[k + 1], a[k + 2]), (zero, zero, zero)
+    start, per_pixel = (a[x], a[y], a[z]), (zero, zero, zero)
     if not is_constant:
-        start = _weighted_sum3(weights.start, corner_values, k)
-        per_pixel = _weighted_sum3(weights.per_pixel, corner_values, k)
+        start = _weighted_sum3(weights.start, corner_values, VERTEX_NORMAL)
+        per_pixel = _weighted_sum3(weights.per_pixel, corner_values, VERTEX_NORMAL)
     store3(normals, 0, ROW_STRIDE, times(transform_directions(matrix, start), facing))
     store3(advance(normals, 3 * ROW_STRIDE), 0, ROW_STRIDE, times(transform_directions(matrix, per_pixel), facing))
     return is_constant
 
 
 @inlined
-def _store_flat_normals(context: ShadingContext, at: I64, p0: F64x8x3, p1: F64x8x3, p2: F64x8x3, sign: F64x8) -> None:
+def _store_flat_normals(context: ShadingContext, slot: I64, p0: F64x8x3, p1: F64x8x3, p2: F64x8x3, sign: F64x8) -> None:
     """Store the unit normals of triangles, 0 for lines and points; without HAS_NORMALS also as vertex normals.
 
     Args:
@@ -277,34 +279,34 @@ def _store_flat_normals(context: ShadingContext, at: I64, p0: F64x8x3, p1: F64x8
     scale = vec.select(has_length, (zero - sign) / vec.select(has_length, length, one), zero)
     normal = to_f32x3(times(plane_normal, scale))
     if not context.attributes & HAS_NORMALS:
-        store3(advance(sums.normal, at), 0, ROW_STRIDE, normal)
+        store3(advance(sums.normal, slot), 0, ROW_STRIDE, normal)
         no_change = vec.f32(0.0), vec.f32(0.0), vec.f32(0.0)
-        store3(advance(sums.normal, 3 * ROW_STRIDE + at), 0, ROW_STRIDE, no_change)
-    store3(advance(sums.flat_normal, at), 0, ROW_STRIDE, normal)
+        store3(advance(sums.normal, 3 * ROW_STRIDE + slot), 0, ROW_STRIDE, no_change)
+    store3(advance(sums.flat_normal, slot), 0, ROW_STRIDE, normal)
 
 
 @inlined
 def _store_gradients(
-    context: ShadingContext, at: I64, weights: Weights, corner_values: CornerAttributes[F32x8x8]
+    context: ShadingContext, slot: I64, weights: Weights, corner_values: CornerAttributes[F32x8x8]
 ) -> None:
     """Store how the sums of the weights and of uv0 change per column and row of the image; uv1's: ``_store_extras``."""
     across, down = weights.per_column, weights.per_row
-    _store_weight_sums(advance(context.span_sums.weight_sum_gradient, at), across, down)
+    _store_weight_sums(advance(context.span_sums.weight_sum_gradient, slot), across, down)
     if context.attributes & HAS_UV0:
-        _store_attributes(advance(context.span_sums.uv_gradient, at), 2, across, down, corner_values, VERTEX_UV0)
+        _store_attributes(advance(context.span_sums.uv_gradient, slot), 2, across, down, corner_values, VERTEX_UV0)
 
 
 @inlined
-def _store_extras(context: ShadingContext, at: I64, weights: Weights, extras: CornerAttributes[F32x8x8]) -> None:
+def _store_extras(context: ShadingContext, slot: I64, weights: Weights, extras: CornerAttributes[F32x8x8]) -> None:
     """Store weighted sums of uv1 and of tangents."""
-    sums, uv1_at = context.span_sums, UV_SET_ROWS * ROW_STRIDE + at
+    sums, uv1_slot = context.span_sums, UV_SET_ROWS * ROW_STRIDE + slot
     if context.attributes & HAS_UV1:
-        _store_attributes(advance(sums.uv, uv1_at), 2, weights.start, weights.per_pixel, extras, EXTRA_UV1)
+        _store_attributes(advance(sums.uv, uv1_slot), 2, weights.start, weights.per_pixel, extras, EXTRA_UV1)
         if context.material.reads_gradients != 0:
             across, down = weights.per_column, weights.per_row
-            _store_attributes(advance(sums.uv_gradient, uv1_at), 2, across, down, extras, EXTRA_UV1)
+            _store_attributes(advance(sums.uv_gradient, uv1_slot), 2, across, down, extras, EXTRA_UV1)
     if context.attributes & HAS_TANGENTS:
-        tangents = advance(sums.tangent, at)
+        tangents = advance(sums.tangent, slot)
         _store_tangents(context, tangents, weights.start, extras)
         _store_tangents(context, advance(tangents, 4 * ROW_STRIDE), weights.per_pixel, extras)
 

@@ -58,13 +58,13 @@ class NextSegment(NamedTuple):
 class PartEnd(NamedTuple):
     """Indices in the row after the last pixel and the last span of a part."""
 
-    part_end: I64
-    part_end_span: I64
+    end_pixel: I64
+    end_span: I64
 
 
 def _span_offsets() -> NDArray[np.int32]:
-    starts = (np.arange(128)[:, None] >> np.arange(7)) & 1
-    return np.ascontiguousarray(np.pad(np.cumsum(starts, axis=1), ((0, 0), (1, 0))), np.int32)
+    start_bits = (np.arange(128)[:, None] >> np.arange(7)) & 1
+    return np.ascontiguousarray(np.pad(np.cumsum(start_bits, axis=1), ((0, 0), (1, 0))), np.int32)
 
 
 SPAN_OFFSETS: Final = _span_offsets()
@@ -73,10 +73,10 @@ whose bits 0 to 6 are the start bits of pixels 1 to 7."""
 
 
 @device_function
-def begin_rows(
+def allocate_row_memory(
     context: ShadingContext, inputs: ShadingInputs, max_pixels: I64, span_sums: SpanSums, pixels: ShadedPixels
 ) -> None:
-    """Give a ShadingContext its working memory for rows of at most ``max_pixels``; ``end_rows`` frees it."""
+    """Give a ShadingContext its working memory for rows of at most ``max_pixels``; ``free_row_memory`` frees it."""
     context.inputs, context.span_sums, context.pixels = inputs, span_sums, pixels
     # ``interpolation`` reads words up to pixel_count // 64 + 1, and does not use bits of pixels from pixel_count on.
     context.start_bits = i64_at(allocate(8 * (max_pixels // _PIXELS_PER_WORD + 2)))
@@ -88,8 +88,8 @@ def begin_rows(
 
 
 @device_function
-def end_rows(context: ShadingContext) -> None:
-    """Free the memory of ``begin_rows``."""
+def free_row_memory(context: ShadingContext) -> None:
+    """Free the memory of ``allocate_row_memory``."""
     release(address(context.start_bits))
     release(address(context.span_starts))
     release(address(context.span_ids))
@@ -149,31 +149,31 @@ def _append_spans(context: ShadingContext, first_pixel: I64, bits: I64, span_cou
     Eight at a time, since a branch per span would be unpredictable. What is stored beyond the last span is never used.
     """
     ids, starts, span_ids = advance(context.padded_ids, vec.LANES), context.span_starts, context.span_ids
-    for first in range(span_count, span_count + vec.count_bits(bits), vec.LANES):
-        for k in range(first, first + vec.LANES):
+    for first_span in range(span_count, span_count + vec.count_bits(bits), vec.LANES):
+        for k in range(first_span, first_span + vec.LANES):
             start = first_pixel + vec.lowest_bit(bits | _HIGHEST_BIT)  # lowest_bit of 0 is undefined
             starts[k], span_ids[k] = start, ids[start]
             bits &= bits - 1
 
 
 @inlined
-def next_part(context: ShadingContext, span: I64, begin: I64, end: I64) -> PartEnd:
+def next_part(context: ShadingContext, span: I64, begin_pixel: I64, segment_end_pixel: I64) -> PartEnd:
     """Return the end of the next part of a segment.
 
     Args:
         span: the part's first span.
-        begin: index in the row of the part's first pixel.
-        end: index after the segment's last pixel.
+        begin_pixel: index in the row of the part's first pixel.
+        segment_end_pixel: index in the row after the segment's last pixel.
     """
-    part_end, part_end_span = min(end, (begin & -MAX_PART_PIXELS) + MAX_PART_PIXELS), span
-    for first_pixel in range(begin & -_PIXELS_PER_WORD, part_end, _PIXELS_PER_WORD):
+    end_pixel, end_span = min(segment_end_pixel, (begin_pixel & -MAX_PART_PIXELS) + MAX_PART_PIXELS), span
+    for first_pixel in range(begin_pixel & -_PIXELS_PER_WORD, end_pixel, _PIXELS_PER_WORD):
         bits = context.start_bits[first_pixel // _PIXELS_PER_WORD]
-        if first_pixel < begin:
-            bits &= i64(_ALL_BITS) << (begin - first_pixel)
-        if part_end - first_pixel < _PIXELS_PER_WORD:
-            bits &= (i64(1) << (part_end - first_pixel)) - 1
-        part_end_span += vec.count_bits(bits)
-    return PartEnd(part_end, part_end_span)
+        if first_pixel < begin_pixel:
+            bits &= i64(_ALL_BITS) << (begin_pixel - first_pixel)
+        if end_pixel - first_pixel < _PIXELS_PER_WORD:
+            bits &= (i64(1) << (end_pixel - first_pixel)) - 1
+        end_span += vec.count_bits(bits)
+    return PartEnd(end_pixel, end_span)
 
 
 @device_function
@@ -194,11 +194,11 @@ def bind_next_segment(context: ShadingContext, span: I64, span_count: I64, insta
         instance_index = instance_of(inputs.first_ids, inputs.instance_count, primitive_id, instance_index)
         _bind_instance(context, instance_index)
         first_id, end_id = context.first_id, context.end_id
-    for first in range(span, span_count, vec.LANES):
-        ids = vec.load(span_ids, first)
-        other_instance = vec.movemask((ids < vec.i32(first_id)) | (ids >= vec.i32(end_id)))
-        if other_instance != 0:
-            return NextSegment(min(first + vec.lowest_bit(other_instance), span_count), instance_index, is_background)
+    for first_span in range(span, span_count, vec.LANES):
+        ids = vec.load(span_ids, first_span)
+        other_lanes = vec.movemask((ids < vec.i32(first_id)) | (ids >= vec.i32(end_id)))
+        if other_lanes != 0:
+            return NextSegment(min(first_span + vec.lowest_bit(other_lanes), span_count), instance_index, is_background)
     return NextSegment(i64(span_count), instance_index, is_background)
 
 

@@ -119,7 +119,7 @@ class SampleEdges(NamedTuple):
 @inlined
 def _sample_edges(frame: RasterFrame, triangle: SmallTriangle, skipped_rows: I64) -> SampleEdges:
     """Return the SampleEdges of a SmallTriangle, of whose box ``skipped_rows`` rows are not drawn."""
-    first = i64(triangle.edges[0]), i64(triangle.edges[1]), i64(triangle.edges[2])
+    first = i64(triangle.edge_base[0]), i64(triangle.edge_base[1]), i64(triangle.edge_base[2])
     e0_dx, e1_dx = i64(triangle.edge_dx[0]), i64(triangle.edge_dx[1])
     e0_dy, e1_dy = i64(triangle.edge0_dy), i64(triangle.edge1_dy)
     e2_dx, e2_dy = -e0_dx - e1_dx, -e0_dy - e1_dy
@@ -205,7 +205,7 @@ def _draw_block(
     e0 = vec.i32(edges.top[0] + first_row * edges.dy[0]) + columns * vec.i32(edges.dx[0])
     e1 = vec.i32(edges.top[1] + first_row * edges.dy[1]) + columns * vec.i32(edges.dx[1])
     e2 = vec.i32(edges.top[2] + first_row * edges.dy[2]) + columns * vec.i32(edges.dx[2])
-    column_inv_z = vec.f32(triangle.inv_z_dx) * vec.to_f32(columns)
+    inv_z_from_box_left = vec.f32(triangle.inv_z_dx) * vec.to_f32(columns)
     pixel = (top + first_row - band.first_row) * stride + column
     edge_pixel = _packed_in_box(top - box_y + first_row, column - box_x)
     for row in range(first_row, end_row):
@@ -213,7 +213,7 @@ def _draw_block(
         touched = (e0 | e1 | e2) >= zero
         full = (e0 >= edges.range[0]) & (e1 >= edges.range[1]) & (e2 >= edges.range[2])
         e0, e1, e2 = e0 + vec.i32(edges.dy[0]), e1 + vec.i32(edges.dy[1]), e2 + vec.i32(edges.dy[2])
-        inv_z = vec.f32(scratch.row_inv_z[row]) + column_inv_z
+        inv_z = vec.f32(scratch.row_inv_z[row]) + inv_z_from_box_left
         mask = valid & merge_whole_pixels(band, pixel, inv_z, max_offset, triangle, owner, full, touched)
         lanes = vec.load(frame.lane_lists, vec.LANES * mask)
         vec.store(scratch.edge_pixels, count, lanes + vec.i32(edge_pixel))

@@ -12,9 +12,9 @@ from renderers.shading.layout import ShadingInputs
 DIRECT: Final = 0
 """Write the image."""
 GATHER: Final = 1
-"""Blend a translucent layer behind the layers gathered so far."""
+"""Blend a translucent layer under the layers gathered so far."""
 UNDER: Final = 2
-"""Write the image, blended behind the gathered layers."""
+"""Write the image, blended under the gathered layers."""
 
 
 class HeadlightInputs(Struct):

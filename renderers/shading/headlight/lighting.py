@@ -16,7 +16,7 @@ from renderers.compiler.simd import F32x8, F32x8x3
 from renderers.shading.brdf import headlight_cosines, schlick, vtk_colors, vtk_reflected, vtk_specular
 from renderers.shading.camera_light import LightImages, light_pixels, write_light_images
 from renderers.shading.headlight.layout import DIRECT, GATHER, HeadlightInputs
-from renderers.shading.headlight.output_merge import packed, write_pixels
+from renderers.shading.headlight.output_merge import packed_pixels, write_pixels
 from renderers.shading.interpolation import pixel_columns
 from renderers.shading.layout import (
     LAMBERT,
@@ -56,7 +56,7 @@ def _base_color(material: ShadingMaterial, pixels: ShadedPixels, has_rows: bool,
 def _store_pixels(
     job: HeadlightInputs,
     pixels: ShadedPixels,
-    gamma: bool,
+    is_linear: bool,
     direct: bool,
     packed_row: Pointer[I32],
     begin: I64,
@@ -66,12 +66,12 @@ def _store_pixels(
     """Store eight shaded pixels, for translucent layers in the rows ``base_color``.
 
     Args:
-        gamma: True: encode linear colours.
+        is_linear: as in ``write_pixels``.
         direct: True: store packed pixels in ``packed_row`` instead.
         begin: index in the row of the part's first pixel.
     """
     if direct:
-        write_pixels(job, gamma, packed_row, begin + x, rgb[0], rgb[1], rgb[2])
+        write_pixels(job, is_linear, packed_row, begin + x, rgb[0], rgb[1], rgb[2])
     else:
         store3(pixels.base_color, x, ROW_STRIDE, rgb)
 
@@ -100,10 +100,10 @@ def _shade_unlit(
 ) -> None:
     """Show the base colour."""
     direct, material, pixels = job.mode == DIRECT, context.material, context.pixels
-    gamma = material.stored_by_gamma != 0
+    is_linear = material.stored_by_gamma != 0
     lamp_share = _row_of(job, job.lamp_share, context, begin)
     for x in range(0, count, vec.LANES):
-        _store_pixels(job, pixels, gamma, direct, packed_row, begin, x, _base_color(material, pixels, has_rows, x))
+        _store_pixels(job, pixels, is_linear, direct, packed_row, begin, x, _base_color(material, pixels, has_rows, x))
         if address(lamp_share) != 0:  # the segment before overran it
             vec.store(lamp_share, x, vec.f32(1.0))
 
@@ -211,7 +211,7 @@ def fill_spans(
     colors = _colors()
     for first in range(span, part_end_span, vec.LANES):
         r, g, b = times(base_color, _headlight_cosine(load3(normals, first - span, ROW_STRIDE)))
-        vec.store(colors, 0, packed(job, r, g, b))
+        vec.store(colors, 0, packed_pixels(job, r, g, b))
         for k in range(min(part_end_span - first, vec.LANES)):
             color = vec.i32(i64(colors[k]))
             for x in range(span_starts[first + k], span_starts[first + k + 1], vec.LANES):

@@ -21,7 +21,7 @@ from renderers.shading.vec3 import load3, saturate
 
 
 @inlined
-def packed(job: HeadlightInputs, r: F32x8, g: F32x8, b: F32x8) -> I32x8:
+def packed_pixels(job: HeadlightInputs, r: F32x8, g: F32x8, b: F32x8) -> I32x8:
     """Return eight encoded colours, 0 .. 1, as packed pixels, red in the lowest byte; with ``has_roots``, as roots."""
     if job.has_roots != 0:
         table = job.shading.linear_from_gamma
@@ -43,21 +43,21 @@ def _roots(r: F32x8, g: F32x8, b: F32x8) -> I32x8:
 
 @inlined
 def write_pixels(
-    job: HeadlightInputs, gamma: bool, packed_row: Pointer[I32], x: I64, r: F32x8, g: F32x8, b: F32x8
+    job: HeadlightInputs, is_linear: bool, packed_row: Pointer[I32], x: I64, r: F32x8, g: F32x8, b: F32x8
 ) -> None:
-    """Store eight shaded pixels, linear (``gamma``: they are encoded) or as stored, in a packed row from pixel x on."""
-    if gamma and job.has_roots != 0:
+    """Store eight shaded pixels in a packed row from pixel x on; ``is_linear``: linear light, encoded first."""
+    if is_linear and job.has_roots != 0:
         vec.store(packed_row, x, _roots(r, g, b))
-    elif gamma:
+    elif is_linear:
         vec.store(packed_row, x, encoded_pixels(r, g, b, job.gamma_cells))
     else:
-        vec.store(packed_row, x, packed(job, r, g, b))
+        vec.store(packed_row, x, packed_pixels(job, r, g, b))
 
 
 @inlined
-def _encoded(job: HeadlightInputs, gamma: bool, c: F32x8) -> F32x8:
+def _encoded(job: HeadlightInputs, is_linear: bool, c: F32x8) -> F32x8:
     """Return the value, 0 .. 1, that ``write_pixels`` would round to a byte."""
-    if gamma:
+    if is_linear:
         return encode_gamma(c, job.gamma_from_linear)
     return saturate(c)
 
@@ -71,13 +71,13 @@ def _gathered_row(job: HeadlightInputs, y: I64) -> tuple[Pointer[F32], I64]:
 
 @device_function
 def gather(job: HeadlightInputs, context: ShadingContext, begin: I64, end: I64) -> None:
-    """Blend the row's pixels ``begin .. end`` behind the layers gathered so far, encoded as stored, as VTK does.
+    """Blend the row's pixels ``begin .. end`` under the layers gathered so far, encoded as stored, as VTK does.
 
     Their colour and alpha are in the rows ``base_color`` of ShadedPixels.
     """
     gathered, channel_size = _gathered_row(job, context.y)
     pixels, alpha_mode, cutoff = context.pixels, context.material.alpha_mode, context.material.alpha_cutoff
-    gamma = context.material.stored_by_gamma != 0
+    is_linear = context.material.stored_by_gamma != 0
     zero, one, lane = vec.f32(0.0), vec.f32(1.0), vec.iota()
     for x in range(begin, end, vec.LANES):
         transmittance = vec.load_volatile(gathered, 3 * channel_size + x)
@@ -92,18 +92,18 @@ def gather(job: HeadlightInputs, context: ShadingContext, begin: I64, end: I64) 
         is_added = (lane < vec.i32(end - x)) & (share > zero)
         for k in range(3):
             color = vec.load_volatile(gathered, k * channel_size + x)
-            added = share * _encoded(job, gamma, vec.load(pixels.base_color, k * ROW_STRIDE + x - begin))
+            added = share * _encoded(job, is_linear, vec.load(pixels.base_color, k * ROW_STRIDE + x - begin))
             vec.store(gathered, k * channel_size + x, vec.select(is_added, color + added, color))
         vec.store(gathered, 3 * channel_size + x, vec.select(is_added, transmittance * (one - alpha), transmittance))
 
 
 @inlined
-def _beneath(
+def _blended_under(
     job: HeadlightInputs, gathered: Pointer[F32], channel_size: I64, x: I64, r: F32x8, g: F32x8, b: F32x8
 ) -> I32x8:
-    """Return the row's pixels x .. x + 8, packed, of colours blended behind the gathered layers."""
+    """Return the row's pixels x .. x + 8, packed, of colours blended under the gathered layers."""
     transmittance = vec.load(gathered, 3 * channel_size + x)
-    return packed(
+    return packed_pixels(
         job,
         vec.load(gathered, x) + transmittance * r,
         vec.load(gathered, channel_size + x) + transmittance * g,
@@ -113,13 +113,13 @@ def _beneath(
 
 @device_function
 def write_under(job: HeadlightInputs, context: ShadingContext, begin: I64, end: I64, packed_row: Pointer[I32]) -> None:
-    """Write the row's pixels ``begin .. end``, blended behind the gathered layers; see ``gather``."""
+    """Write the row's pixels ``begin .. end``, blended under the gathered layers; see ``gather``."""
     gathered, channel_size = _gathered_row(job, context.y)
-    pixels, gamma = context.pixels, context.material.stored_by_gamma != 0
+    pixels, is_linear = context.pixels, context.material.stored_by_gamma != 0
     for x in range(begin, end, vec.LANES):
         r, g, b = load3(pixels.base_color, x - begin, ROW_STRIDE)
-        r, g, b = _encoded(job, gamma, r), _encoded(job, gamma, g), _encoded(job, gamma, b)
-        vec.store(packed_row, x, _beneath(job, gathered, channel_size, x, r, g, b))
+        r, g, b = _encoded(job, is_linear, r), _encoded(job, is_linear, g), _encoded(job, is_linear, b)
+        vec.store(packed_row, x, _blended_under(job, gathered, channel_size, x, r, g, b))
 
 
 @inlined
@@ -130,7 +130,7 @@ def _background_channel(background: I64, k: I64) -> F32x8:
 
 @device_function
 def write_background(job: HeadlightInputs, y: I64, begin: I64, end: I64, packed_row: Pointer[I32]) -> None:
-    """Write the background to the pixels ``begin .. end``, blended behind the gathered layers if there are any."""
+    """Write the background to the pixels ``begin .. end``, blended under the gathered layers if there are any."""
     background = job.background
     r, g, b = (
         _background_channel(background, 0),
@@ -138,10 +138,10 @@ def write_background(job: HeadlightInputs, y: I64, begin: I64, end: I64, packed_
         _background_channel(background, 2),
     )
     if job.mode == DIRECT:
-        color = packed(job, r, g, b)
+        color = packed_pixels(job, r, g, b)
         for x in range(begin, end, vec.LANES):
             vec.store(packed_row, x, color)
     elif job.mode == UNDER:
         gathered, channel_size = _gathered_row(job, y)
         for x in range(begin, end, vec.LANES):
-            vec.store(packed_row, x, _beneath(job, gathered, channel_size, x, r, g, b))
+            vec.store(packed_row, x, _blended_under(job, gathered, channel_size, x, r, g, b))

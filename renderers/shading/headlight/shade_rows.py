@@ -14,7 +14,7 @@ from renderers.shading.interpolation import interpolate
 from renderers.shading.layout import ShadedPixels, ShadingContext, SpanSums
 from renderers.shading.packed_rows import write_packed_row
 from renderers.shading.span_setup import set_up_part
-from renderers.shading.spans import begin_rows, bind_next_segment, end_rows, find_spans, next_part
+from renderers.shading.spans import allocate_row_memory, bind_next_segment, find_spans, free_row_memory, next_part
 
 
 @inlined
@@ -64,7 +64,7 @@ def shade_rows(job_address: Address, ids_address: Address, row_begin: I64, row_e
     row_pixels = job.width + vec.LANES  # stores overrun a row by up to seven pixels
     own_row = i32_at(allocate(4 * row_pixels))
     context = ShadingContext()
-    begin_rows(context, job.shading, job.width, SpanSums(), ShadedPixels())
+    allocate_row_memory(context, job.shading, job.width, SpanSums(), ShadedPixels())
     span_starts, instance_index = context.span_starts, i64(0)
     for y in range(row_begin, row_end):
         id_count, columns = _ids_of_row(job, y)
@@ -84,5 +84,5 @@ def shade_rows(job_address: Address, ids_address: Address, row_begin: I64, row_e
             span = end_span
         if job.mode != GATHER and job.has_roots == 0:
             write_packed_row(advance(job.color, 3 * image_row * job.width), packed_row, id_count)
-    end_rows(context)
+    free_row_memory(context)
     release(address(own_row))

@@ -19,7 +19,7 @@ from renderers.msaa import SampleBand
 from renderers.shading.interpolation import interpolate, pixel_columns
 from renderers.shading.layout import MAX_PART_PIXELS, ROW_STRIDE, ShadedPixels, ShadingContext, SpanSums
 from renderers.shading.span_setup import set_up_part
-from renderers.shading.spans import begin_rows, bind_next_segment, end_rows, find_spans, next_part
+from renderers.shading.spans import allocate_row_memory, bind_next_segment, find_spans, free_row_memory, next_part
 from renderers.shading.studio.layout import (
     StudioEdgeShader,
     StudioInputs,
@@ -246,7 +246,7 @@ def shade_rows(
     if mode == EDGES:
         max_pixels = max(width, band.max_entries)
     context, row, surfaces = ShadingContext(), _StudioRow(), StudioSurfaces()
-    begin_rows(context, job.shading, max_pixels, SpanSums(), ShadedPixels())
+    allocate_row_memory(context, job.shading, max_pixels, SpanSums(), ShadedPixels())
     row.mode, row.channel_size, row.gathered = mode, channel_size, 0
     _clear(f32_at(address(surfaces)), _SURFACES_VALUES)  # loops overrun the gathered surfaces
     own_row, packed_row = f32_at(allocate(4 * 4 * channel_size)), i32_at(allocate(4 * channel_size))
@@ -272,7 +272,7 @@ def shade_rows(
             instance_index = _shade_row(job, context, row, y, ids, columns, count, instance_index)
         if target_address == 0:
             write_image_row(row.accumulated, output, y, width, packed_row)
-    end_rows(context)
+    free_row_memory(context)
     release(address(own_row))
     release(address(packed_row))
 
