@@ -3,7 +3,8 @@
     phase       unit of work                        kernel
     TRANSFORM   some vertices                       transform.transform
     SETUP       some chunks of 1,024 primitives     setup.setup
-    BANDS       a band of 32 rows                   draw_kernel, edges_kernel, shade_kernel, resolve_kernel
+    BANDS       a band of 32 rows                   draw_kernel, shade_kernel, resolve_kernel; with several samples:
+                                                    draw_kernel, edges_kernel, shade_kernel
 
 Threads take units by an atomic counter until none is left, and wait for the last units of others before the next phase.
 """
@@ -26,13 +27,12 @@ _SPINS_BEFORE_YIELD: Final = 200
 
 @kernel
 def run_phases(frame_address: Address, until_finished: bool) -> None:
-    """Work on a frame together with other threads. A call that comes late finds nothing left to do. Lifetimes:
+    """Work on a frame together with other threads. A call that comes late finds nothing left to do.
 
-    - the RasterFrame: until all calls have returned;
-    - what it points to: until the frame is finished.
+    The RasterFrame must live until all calls have returned, what it points to until the frame is finished.
 
     Each call takes the next ``band_memory_bytes`` after ``first_band_memory``: its ``band_memory``. A frame that has
-    such memory gets at most ``max_threads`` calls.
+    such memory must get at most ``max_threads`` calls: ``frame_threads`` makes no more than ``Task.threads``.
 
     Args:
         until_finished: return when the frame is finished; otherwise as soon as no band is left to take.
@@ -100,7 +100,7 @@ def _draw_shade_resolve(frame: RasterFrame, first_row: I64, end_row: I64, band_m
     if frame.shade_kernel != 0:
         # Shading knows no RasterFrame: it gets its own job, and band_memory, which begins with the primitive ids.
         call_kernel(frame.shade_kernel, (frame.shade_job, band_memory, first_row, end_row))
-    if frame.first_back_bin != 0:  # kept back faces: depth and labels show them, the colour above does not
+    if frame.first_back_bin != 0:  # depth and labels show kept back faces; the colour, shaded before, does not
         call_kernel(frame.draw_kernel, (address(frame), first_row, end_row, band_memory, KEPT_BACK_FACES))
     if frame.resolve_kernel != 0:
         call_kernel(frame.resolve_kernel, (address(frame), first_row, end_row, band_memory))

@@ -21,15 +21,15 @@ SUBPIXEL: Final = 1 << SUBPIXEL_BITS
 HALF_PIXEL: Final = SUBPIXEL // 2
 """Grid units from a pixel's border to its centre."""
 GUARD_BAND: Final = 32760.0
-"""Pixels: triangles with a vertex farther than this from pixel (0, 0) are clipped. Below 2^15 pixels, 2^23 grid units,
-edge functions stay below 2^50, exact in float64 and int64, and snapped coordinates are exact in float32."""
+"""Pixels: triangles with a vertex farther than this from pixel (0, 0), across or down, are clipped. So coordinates are
+below 2^15 pixels, 2^23 grid units, exact in float32, and edge functions below 2^50, exact in float64 and int64."""
 BEHIND: Final = -2.0
 """In place of 1/z of a vertex that is nearer than the near plane, or whose z is not a number."""
 OUTSIDE: Final = -1.0
 """In place of 1/z of a vertex that is outside the guard band, or whose x or y is not a number. The order is
 BEHIND < OUTSIDE < 0 < 1/z."""
 MAX_SIDE: Final = 16384
-"""Maximum image width and height, pixels, for which the guard band leaves room."""
+"""Maximum image width and height, pixels: half of the guard band, which leaves room around the image."""
 MAX_POINT_SIZE: Final = 1024
 """Maximum point size and line width, pixels; larger ones are drawn with this."""
 
@@ -63,14 +63,14 @@ TOPOLOGY_TRIANGLES: Final = 3
 
 # Kinds of Primitive: what its ``values`` are, and the pixel that its ``inv_z_base`` belongs to.
 KIND_TRIANGLE: Final = 0
-"""values: corners, clockwise on screen. inv_z_base: first pixel whose centre is at or after their minimum x and y, also
-with several samples per pixel. It may be off the image."""
+"""values: corners, clockwise on screen. inv_z_base: first column and row whose pixel centres are not before the
+corners' minimum x and y, also with several samples per pixel; perhaps off the image."""
 KIND_CLIPPED: Final = 1
 """Crosses the near plane or leaves the guard band. values: first column and row of its box in the image, index of the
 draw. inv_z_base: this first pixel."""
 KIND_LINE: Final = 2
-"""values: both ends, half the width, then first column (low half) and row (high half) of its box in the image.
-inv_z_base: this first pixel."""
+"""values: both ends and half the width, grid units, then first column (low half) and row (high half) of its box in the
+image. inv_z_base: this first pixel."""
 KIND_POINT: Final = 3
 """values: first column and row, and those after the last; with several samples per pixel these are grid units.
 inv_z_base: any pixel."""
@@ -117,7 +117,7 @@ class RasterInstance(Struct):
     """An instance of the draw list, independent of camera and pose. The table ends with one more row, in which
     ``first_vertex`` and ``first_id`` are the totals."""
 
-    positions: Pointer[F32]  # (N, 3): those of mesh_positions that primitives use, since all of them are transformed
+    positions: Pointer[F32]  # (N, 3): those of mesh_positions that primitives use; others need no transform
     indices: Pointer[U32]  # (M, topology) into these
     topology: I64
     first_vertex: I64  # among all instances' vertices
@@ -140,7 +140,7 @@ class Draw(Struct):
     first_vertex: I64  # among the drawn vertices
     first_frame_primitive: I64  # index of its first primitive among those drawn in the frame
     first_id: I64  # primitive id of its first primitive
-    culled_area_sign: I64  # sign of the area of the faces to cull, kept or not: +1 clockwise on screen, -1; 0: none
+    culled_area_sign: I64  # sign of the area of culled faces, kept or not: 1 clockwise, -1 counter-clockwise; 0: none
     hidden_area_sign: I64  # likewise of back faces of a convex mesh, which its front faces hide
     X_camera_mesh: Pointer[F64] = inline(12)  # the first three rows
 
@@ -177,8 +177,8 @@ KEPT_BACK_FACES: Final = 1
 class RasterFrame(Struct):
     """A rasterization: its parameters, the memory that it works in, and its units of work, which threads share.
 
-    ``frame.FrameJob`` fills the fields above ``draw_count``, the kernels those below. An Address or Pointer is 0 if the
-    frame lacks what it is for.
+    ``frame.FrameJob`` fills the fields before ``draw_count``, the kernels those from it on. An Address or Pointer is
+    0 if the frame has no use for it.
     """
 
     # Image and camera.

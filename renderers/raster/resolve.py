@@ -28,7 +28,7 @@ _BACKGROUND_LABEL: Final = int(np.uint32(LABEL_NONE).astype(np.int32))
 _BACKGROUND_INSTANCE_ID: Final = -1
 _PREFETCH_DISTANCE: Final = 1024
 """Values by which a prefetch is ahead of the store: a cache line is read before a part of it is written. 1,024 values
-are a page of 4 KiB, beyond whose end processors prefetch nothing themselves."""
+are a page of 4 KiB: processors themselves prefetch up to its end, but not the beginning of the next page."""
 
 
 @kernel
@@ -48,7 +48,7 @@ def resolve_band(frame_address: Address, first_row: I64, end_row: I64, band_memo
         if frame.instance_out != 0:
             out = advance(i32_at(frame.instance_out), out_row_start)
             _resolve_instance_row(frame, row_ids, frame.instance_ids, _BACKGROUND_INSTANCE_ID, out)
-    if frame.normal_out != 0:  # a kernel by address, since it is compiled only after the server is ready
+    if frame.normal_out != 0:  # a kernel by address, to keep its compilation out of start-up
         call_kernel(frame.normals_kernel, (frame_address, first_row, end_row, band_memory))
 
 
@@ -70,7 +70,7 @@ def _resolve_depth_row(row_inv_z: Pointer[F32], row_ids: Pointer[I32], out: Poin
 def _store_columns(out: Pointer[Number], column: I64, width: I64, values: Lanes) -> None:
     """Write eight values of a row, or those before its end."""
     if column + vec.LANES <= width:
-        vec.prefetch(out, column + _PREFETCH_DISTANCE)
+        vec.prefetch(out, column + _PREFETCH_DISTANCE)  # harmless past the output's end
         vec.store(out, column, values)
     else:
         for k in range(width - column):
@@ -85,7 +85,7 @@ def _resolve_instance_row(
 
     Args:
         row_ids: primitive ids of the row's pixels, readable to a multiple of eight.
-        instance_values: (instance_count,).
+        instance_values: (instance_count,), such as labels.
         background: value where nothing is seen.
     """
     first_ids, width = frame.first_ids, frame.width

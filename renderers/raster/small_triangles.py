@@ -51,7 +51,7 @@ _BITS_PER_GROUP: Final = 2 * _BITS_PER_BLOCK_ROW
 """Bits of a group's two block rows in a mask. Four groups are a band."""
 _LOG2_BLOCK_COLUMNS: Final = vec.LANES.bit_length() - 1
 """``column >> _LOG2_BLOCK_COLUMNS`` is the block of a column."""
-assert MAX_SMALL_WIDTH // vec.LANES < 2 * _BITS_PER_BLOCK_ROW
+assert MAX_SMALL_WIDTH // vec.LANES < 2 * _BITS_PER_BLOCK_ROW  # a box that is not aligned touches one block more
 assert BAND_ROWS == 4 * _GROUP_ROWS
 # Two vectors have all fields of a SmallTriangle: the first ends with ``kind``, the second begins with ``edge1_dy``.
 assert (SMALL_FIELD_INDEX.kind, SMALL_FIELD_INDEX.edge1_dy) == (vec.LANES - 1, vec.LANES)
@@ -68,7 +68,7 @@ class SmallTriangleSpans(Struct):
     # in bits 0 to 7. Byte r of the second: block 8, since a box that is not aligned touches up to nine.
     block_masks: Pointer[I64] = inline(2)
     first_group_row: I64  # first row of the first group, in the image
-    rows_in_band: I64
+    rows_in_band: I64  # rows of the groups, from first_group_row on, that are in the band
     aligned_left: I64  # first column of the first block, in the image: a multiple of eight
     aligned_left_in_box: I64  # the same, counted from the box's first column: perhaps negative
 
@@ -95,7 +95,7 @@ def find_small_spans(
     box_x, box_y, box_column_count, box_row_count = box_of(triangle)
     top, bottom = max(box_y, first_row), min(box_y + box_row_count, end_row)
     left, right = max(box_x, i64(0)), min(box_x + box_column_count, frame.width)
-    # Blocks are aligned to eight columns: loads can be forwarded from stores, and span no two cache lines.
+    # Aligned to eight columns: CPUs forward a load from one earlier store, and no vector crosses a cache line.
     aligned_left = left & ~i64(vec.LANES - 1)
     aligned_left_in_box = aligned_left - box_x
     group_count = (bottom - top + _GROUP_ROWS - 1) // _GROUP_ROWS
@@ -144,7 +144,7 @@ def draw_small(frame: RasterFrame, layer: Layer, depth_rule: I64, spans: SmallTr
 
 @inlined
 def _first_row_of_groups(top: I64, end_row: I64, group_count: I64, first_row: I64) -> I64:
-    """Return the row of the image with which the groups of eight rows begin, of a triangle from row ``top`` on.
+    """Return the first row of the first group, for a triangle that begins in row ``top``.
 
     It is ``top``, or a smaller row near the band's end, so that the last group has no rows of the next band::
 
@@ -162,8 +162,8 @@ def _first_row_of_groups(top: I64, end_row: I64, group_count: I64, first_row: I6
 def _load_edges(triangle: SmallTriangle) -> _ScanlineEdges:
     """Return the edge functions of a triangle, in all lanes.
 
-    All fields by two loads: a third of the instructions of a load for each field. The lanes of other fields, which are
-    shifted and converted, too, are not used.
+    Two vector loads take a third of the instructions that a scalar load of each field would. Lanes of other fields are
+    shifted and converted, too, but not used.
     """
     words, shift = i32_at(address(triangle)), vec.i32(SUBPIXEL_BITS)
     first, second = vec.to_f32(vec.load(words, 0) >> shift), vec.to_f32(vec.load(words, vec.LANES) >> shift)
@@ -231,12 +231,12 @@ def _limit_by_edge(left_limit: F32x8, right_limit: F32x8, edges: _ScanlineEdges,
     - edge_value = (e >> 8) + 1/2 is exact: e >> 8 is below 2^23, also in the up to seven rows above and below the box
       that groups of eight rows add (``MAX_SMALL_HEIGHT``). It is positive inside, negative outside, never 0.
     - A horizontal edge, dx = 0, covers all columns of a row or none: its limit is -inf or +inf.
-    - For others, q = -edge_value / dx differs from every integer by at least (1/2) / |dx| > 15.1e-6.
-    - It is computed as edge_value * (-1 / dx), with two roundings of 2^-24 each: where |q| <= 64, as in the box, the
-      error is at most 64 x 2^-23 < 7.7e-6. Farther out, the error is at most 2^-23 of q: too
-      small to move it across the border of the box, 1/2 away from integers.
-    - So the computed q is more than 7.4e-6 away from integers. q + 1, below 128, is rounded by at most 2^-18 < 3.9e-6:
-      its floor is right.
+    - For others, the distance of q = -edge_value / dx to any integer is at least (1/2) / |dx| > 15.1e-6.
+    - q is computed as edge_value * (-1 / dx), with two roundings of 2^-24 each: where |q| <= 64, as in the box, the
+      error is at most 64 x 2^-23 < 7.7e-6. Farther out, the error, at most 2^-23 of q, is too small to move q across
+      the border of the box, 1/2 away from integers.
+    - So the distance of the computed q is above 15.1e-6 - 7.7e-6 = 7.4e-6. Adding 1 rounds by at most 2^-18 < 3.9e-6,
+      since q + 1 < 128: the floor is right.
     """
     edge_value = edges.base[k] + edges.dy[k] * row_in_box
     # NaN limits nothing: if either argument is NaN, minimum and maximum return the second one.

@@ -6,8 +6,8 @@
         small   at most 64 x 128                    SmallTriangle: edge functions in int32, plane of 1/z in float32
         single  larger, too deep, or to be clipped  Primitive, one at a time: ``primitive_setup``
 
-On the way triangles are dropped that are nearer than the near plane, too far, off the image, without area, hidden by
-their convex mesh, or culled and not kept.
+Triangles are dropped on the way if they are nearer than the near plane, farther than the far plane, off the image,
+without area, hidden by their convex mesh, or culled and not kept.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from typing import NamedTuple
 from renderers.compiler import simd as vec
 from renderers.compiler.device_function import device_function, inlined
 from renderers.compiler.kernel_types import F32, I32, I64, Pointer, i64
-from renderers.compiler.pointers import address, advance, i32_at, stack_array
+from renderers.compiler.pointers import address, i32_at, stack_array
 from renderers.compiler.simd import F32x8x3, I32x8, I32x8x3, Mask8
 from renderers.raster.chunks import append_primitive, bin_range
 from renderers.raster.grid import Box
@@ -33,6 +33,7 @@ from renderers.raster.layout import (
     RasterFrame,
     SmallTriangle,
     box_of,
+    vertex_of,
 )
 from renderers.raster.primitive_setup import set_up_single_triangle
 from renderers.raster.tiny_triangles import can_rasterize_tiny, is_tiny, rasterize_tiny
@@ -60,13 +61,13 @@ class _LaneMasks(NamedTuple):
     single: I64
     """Large, to be clipped, or too deep for SmallTriangle (MAX_SMALL_DEPTH_RATIO): set up one at a time."""
     kept_back: I64
-    """Faces among ``small`` that are culled but kept; bits of other triangles mean nothing."""
+    """Culled faces among ``small``, which are all kept; bits of other triangles mean nothing."""
 
 
 @device_function
 def set_up_triangles(frame: RasterFrame, draw_index: I64, begin: I64, end: I64, chunk: Chunk) -> None:
     """Set up the triangles ``begin .. end`` of a draw's mesh, and append what may be visible to a Chunk."""
-    vertices = advance(frame.vertices, 4 * frame.draws[draw_index].first_vertex)
+    vertices = vertex_of(frame, frame.draws[draw_index], 0)
     for first_triangle in range(begin, end, vec.LANES):
         count = min(end - first_triangle, vec.LANES)
         # Inlined: a call makes invisible triangles 20 % slower.
@@ -83,14 +84,14 @@ def _set_up_eight_triangles(
         vertices: the draw's vertices, as for ``load_triangles``.
     """
     draw = frame.draws[draw_index]
-    # Load; drop what is nearer than the near plane or beyond the far plane.
+    # Load; drop what is nearer than the near plane or farther than the far plane.
     corners = load_triangles(draw, first_triangle, count, vertices)
     can_snap = _can_snap(frame, corners.inv_z, count)
     needs_clipping = _needs_clipping(corners.inv_z, count)
     if vec.movemask(can_snap | needs_clipping) == 0:
         return
 
-    # Snap; drop what is off the image. Lanes that cannot be snapped get 0: infinities cannot be converted to integers.
+    # Snap; drop what is off the image. Lanes that cannot be snapped get 0: they may be NaN or not fit int32.
     zeros = vec.f32(0.0), vec.f32(0.0), vec.f32(0.0)
     corners = Corners(select3(can_snap, corners.x, zeros), select3(can_snap, corners.y, zeros), corners.inv_z)
     gx, gy = snap_to_grid_3(corners.x), snap_to_grid_3(corners.y)
@@ -136,16 +137,16 @@ def _set_up_eight_triangles(
 
 @inlined
 def _can_snap(frame: RasterFrame, inv_z: F32x8x3, count: I64) -> Mask8:
-    """Return which of the first ``count`` triangles have all corners beyond the near plane and in the guard band, and
-    any before the far plane. Those beyond the far plane are dropped."""
+    """Return which of the first ``count`` triangles have all corners farther than the near plane and in the guard
+    band, and at least one corner nearer than the far plane."""
     is_used = vec.iota() < vec.i32(count)
     return is_used & (minimum_of_3(inv_z) > vec.f32(0.0)) & (maximum_of_3(inv_z) >= vec.f32(frame.inv_z_far))
 
 
 @inlined
 def _needs_clipping(inv_z: F32x8x3, count: I64) -> Mask8:
-    """Return which of the first ``count`` triangles have a corner before the near plane or outside the guard band, but
-    not all before the near plane."""
+    """Return which of the first ``count`` triangles have a corner nearer than the near plane or outside the guard
+    band, but not all nearer than the near plane."""
     is_used = vec.iota() < vec.i32(count)
     return is_used & (minimum_of_3(inv_z) < vec.f32(0.0)) & (maximum_of_3(inv_z) > vec.f32(BEHIND))
 
@@ -205,11 +206,11 @@ def _append_primitives(
         pending &= pending - 1
         primitive = chunk.primitives[chunk.count]  # overwritten by the next one if it touches no bin
         if bit & masks.small:
-            words = i32_at(address(primitive))  # copied one by one, since often few of eight are kept
+            words = i32_at(address(primitive))  # not all eight by a vector transpose: often few are kept
             for field in range(SMALL_FIELD_COUNT):
                 words[field] = transposed[vec.LANES * field + lane]
             _, top, _, row_count = box_of(SmallTriangle(address(primitive)))
-            base_bin = frame.first_back_bin if bit & masks.kept_back else 0  # as base_bin_of; all of ``small`` are kept
+            base_bin = frame.first_back_bin if bit & masks.kept_back else 0  # never base_bin_of's -1: all are kept
             first_bin, last_bin = bin_range(max(top, 0), min(top + row_count, frame.height), base_bin)
         else:
             first_bin, last_bin = set_up_single_triangle(frame, draw_index, first_triangle + lane, primitive)

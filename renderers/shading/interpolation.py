@@ -61,8 +61,7 @@ def _along_span(rows: Pointer[F32], row: I64, components: I64, slot: I64, offset
 
     Args:
         rows, slot, offsets: as in ``_span_values``.
-        row: row of the value at the first pixel of each span. Its change per pixel is ``components`` rows
-            further.
+        row: row of the value at the first pixel of each span; its change per pixel is ``components`` rows further.
         t: pixels from the beginning of each pixel's span.
     """
     return _span_values(rows, row, slot, offsets) + _span_values(rows, row + components, slot, offsets) * t

@@ -18,7 +18,7 @@ UV_SET_ROWS: Final = 2 + 2
 # Bits for the attributes that a mesh has.
 HAS_NORMALS: Final = 1
 HAS_UV0: Final = 2
-HAS_UV1: Final = 4  # must be the bit after HAS_UV0
+HAS_UV1: Final = 4  # kernels compute it as HAS_UV0 << 1
 HAS_COLORS: Final = 8
 HAS_TANGENTS: Final = 16
 
@@ -59,7 +59,7 @@ class InstanceMatrices(Struct):
 class ShadingMaterial(Struct):
     alpha_mode: I64  # ALPHA_ constant of materials
     lighting: I64  # UNLIT, LAMBERT or METALLIC_ROUGHNESS
-    stored_by_gamma: I64  # headlight looks: 1 if the colour is linear and stored by gamma; 0 if it is stored as it is
+    stored_by_gamma: I64  # headlight looks: 1: colours are linear, and encoded by gamma when stored; 0: stored as is
     vertex_colors: I64  # COLORS_ constant of materials
     uv_sets: I64  # bit 0: a texture reads uv0; bit 1: a texture reads uv1
     reads_gradients: I64  # 1: shading reads uv_gradient
@@ -76,7 +76,7 @@ class ShadingMaterial(Struct):
     roughness: F32
     normal_scale: F32
     occlusion_strength: F32
-    emissive: Pointer[F32] = inline(3)  # look studio: times the strength
+    emissive: Pointer[F32] = inline(3)  # in look studio multiplied by the emissive strength
     alpha_cutoff: F32
     reflectance: F32  # of the dielectric at normal incidence; this and the next two: look studio only
     specular: F32
@@ -154,8 +154,8 @@ class SpanSums(Struct):
 class ShadedPixels(Struct):
     """Attributes of pixels: rows of ROW_STRIDE float32, one value per pixel."""
 
-    normal: Pointer[F32] = rows(3)  # on the visible side, optical frame, any length
-    facing: Pointer[F32] = rows(1)  # -1 where a back face is visible, else 1
+    normal: Pointer[F32] = rows(3)  # optical frame, of the visible side, any length
+    facing: Pointer[F32] = rows(1)  # only with HAS_TANGENTS: -1 where a back face is visible, else 1
     uv: Pointer[F32] = rows(2 * 2)  # uv0, uv1
     color: Pointer[F32] = rows(4)  # vertex colour, RGBA
     tangent: Pointer[F32] = rows(4)  # optical frame, any length; sign of the bitangent
@@ -175,8 +175,8 @@ class ShadedPixels(Struct):
     level: Pointer[I32] = inline(ROW_STRIDE)  # mip level, or mip_levels.MAGNIFIED
     next_weight: Pointer[F32] = rows(1)  # weight of the next mip level
     sample_uv: Pointer[F32] = rows(2)  # texture coordinates, transformed and texels.wrapped
-    # For the pixel's mip level, then for the next one where its weight is not 0. texel_offsets: index in
-    # ShadingTexture.texels of the upper and the lower left texel.
+    # Two rows for the pixel's mip level, then two for the next level, filled if its weight is not 0. Offsets: index in
+    # ShadingTexture.texels of the upper left and the lower left texel.
     texel_offsets: Pointer[I32] = inline(2 * 2 * ROW_STRIDE)
     texel_weights: Pointer[F32] = rows(2 * 2)  # of the right and the lower texels
 

@@ -6,12 +6,12 @@ Out: rows of SpanSums. For each attribute and for the sum of the weights, two va
     weighted sum
         │            ·     start + per_pixel * (pixel - first pixel)
         │       ·
-        │  ·               start, per_pixel: sums of the attribute at the three vertices, by the weights of these names
+        │  ·               start = sum of weights.start[v] * attribute[v] over the vertices v; per_pixel likewise
         └─────────────── pixels of the span
 
 Weighted attribute and sum of the weights are each linear in the pixel. ``interpolation`` divides one by the other, so
-that attributes are perspective-correct. Only if shading reads them: 1/depth likewise, flat normals, and the changes of
-weights and texture coordinates per column and row of the image, for texture filters.
+that attributes are perspective-correct. 1/depth, linear as well, flat normals, and, for texture filters, the changes of
+weights and texture coordinates per column and row of the image are set up only if shading reads them.
 """
 
 from __future__ import annotations
@@ -73,10 +73,10 @@ class CornerIndices(NamedTuple):
 
 @device_function
 def set_up_part(context: ShadingContext, first_span: I64, part_end_span: I64, end_span: I64) -> bool:
-    """Fill SpanSums with the spans ``first_span .. part_end_span``, at most MAX_PART_PIXELS, of a segment.
+    """Fill SpanSums for a part of a segment: its spans ``first_span .. part_end_span``, at most MAX_PART_PIXELS.
 
     Args:
-        end_span: of the segment; bounds what is prefetched.
+        end_span: index after the segment's last span: spans from it on are not prefetched.
 
     Returns:
         True if the normal is constant along each span.
@@ -145,7 +145,7 @@ def _set_up_eight_spans(context: ShadingContext, span: I64, span_count: I64, slo
     rays = rays_of(context.inputs, context.y, first_column, step_count)
     matrix, determinant, sign = weight_matrix(context.instance.topology, p0, p1, p2, rays)
     weights = scaled_weights(matrix, sign, rays, step_count, context.inputs)
-    # A positive determinant: the corners run clockwise as seen, so the back is visible, unless the transform mirrors.
+    # Fronts are counter-clockwise, unless the transform mirrors. The determinant is positive of clockwise triangles.
     mirror_sign = vec.f32(context.matrices.mirror_sign)
     facing = vec.select(determinant > vec.f64(0.0), -mirror_sign, mirror_sign)
 
@@ -153,10 +153,10 @@ def _set_up_eight_spans(context: ShadingContext, span: I64, span_count: I64, slo
     vec.store(sums.first_column, slot, vec.to_f32(first_column))
     vec.store(sums.facing, slot, facing)
     _store_weight_sums(advance(sums.weight_sum, slot), weights.start, weights.per_pixel)
-    has_constant_normals = True
-    if attributes & HAS_NORMALS:
+    has_vertex_normals, has_constant_normals = attributes & HAS_NORMALS != 0, True
+    if has_vertex_normals:
         has_constant_normals = _store_normals(context, slot, weights, corner_values, facing)
-    if not attributes & HAS_NORMALS or context.inputs.reads_flat_normals != 0:
+    if not has_vertex_normals or context.inputs.reads_flat_normals != 0:
         _store_flat_normals(context, slot, p0, p1, p2, sign)
     if attributes & HAS_UV0:
         _store_attributes(advance(sums.uv, slot), 2, weights.start, weights.per_pixel, corner_values, VERTEX_UV0)
@@ -278,7 +278,7 @@ def _store_flat_normals(context: ShadingContext, slot: I64, p0: F64x8x3, p1: F64
     # plane_normal . p0 is the determinant, which is negative where plane_normal faces the camera.
     scale = vec.select(has_length, (zero - sign) / vec.select(has_length, length, one), zero)
     normal = to_f32x3(times(plane_normal, scale))
-    if not context.attributes & HAS_NORMALS:
+    if not context.attributes & HAS_NORMALS:  # of unlit materials, too: ``interpolate`` always reads ``normal``
         store3(advance(sums.normal, slot), 0, ROW_STRIDE, normal)
         no_change = vec.f32(0.0), vec.f32(0.0), vec.f32(0.0)
         store3(advance(sums.normal, 3 * ROW_STRIDE + slot), 0, ROW_STRIDE, no_change)

@@ -2,7 +2,7 @@
 
 primitive ids   7 7 7 7 3 3 9 9 9 . . 7     instance A has the ids 0 to 8, B those from 9 on; MAX_PART_PIXELS is 4 here
 start bits      1 0 0 0 1 0 1 0 1 1 0 1     ``find_spans``: the id differs from the one before, or pixel 0, 4, 8, ...
-spans           |7      |3  |9  |9|.  |7
+spans           |7      |3  |9  |9|.  |7    a . is the background, whose segments have no instance and are not shaded
 segments        |A          |B    |   |A    ``bind_next_segment`` selects the segment's instance and material
 parts           |       |   |   | |   |     ``next_part``: segments are cut at pixels 4, 8, ..., and shaded part by part
 """
@@ -56,7 +56,7 @@ class NextSegment(NamedTuple):
 
 
 class PartEnd(NamedTuple):
-    """Indices in the row after the last pixel and the last span of a part."""
+    """End of a part: indices in the row of the pixel after its last one, and of the span after its last one."""
 
     end_pixel: I64
     end_span: I64
@@ -68,8 +68,8 @@ def _span_offsets() -> NDArray[np.int32]:
 
 
 SPAN_OFFSETS: Final = _span_offsets()
-"""(128, 8): the index of each of eight pixels' spans, counted from that of pixel 0. The row of the table is the number
-whose bits 0 to 6 are the start bits of pixels 1 to 7."""
+"""(128, 8): the index of each of eight pixels' spans, counted from that of pixel 0. Row r: for the start bits r, whose
+bit k belongs to pixel k + 1."""
 
 
 @device_function
@@ -144,14 +144,14 @@ def _start_bits(padded_ids: Pointer[I32], first_pixel: I64) -> I64:
 
 @inlined
 def _append_spans(context: ShadingContext, first_pixel: I64, bits: I64, span_count: I64) -> None:
-    """Append the spans of a word of start bits, the first of which is ``first_pixel``'s, to the ``span_count`` before.
+    """Append the spans of a word of start bits to the ``span_count`` before; bit 0 belongs to ``first_pixel``.
 
     Eight at a time, since a branch per span would be unpredictable. What is stored beyond the last span is never used.
     """
     ids, starts, span_ids = advance(context.padded_ids, vec.LANES), context.span_starts, context.span_ids
     for first_span in range(span_count, span_count + vec.count_bits(bits), vec.LANES):
         for k in range(first_span, first_span + vec.LANES):
-            start = first_pixel + vec.lowest_bit(bits | _HIGHEST_BIT)  # lowest_bit of 0 is undefined
+            start = first_pixel + vec.lowest_bit(bits | _HIGHEST_BIT)  # never of 0, where it is undefined
             starts[k], span_ids[k] = start, ids[start]
             bits &= bits - 1
 
@@ -212,7 +212,7 @@ def _bind_instance(context: ShadingContext, index: I64) -> None:
     context.instance, context.material = instance, material
     context.matrices = inputs.matrices[index]
     context.X_camera_mesh = advance(inputs.X_camera_mesh, 16 * index)
-    read_attributes = HAS_COLORS
+    read_attributes = HAS_COLORS  # they change the base colour of every material
     if material.lighting != UNLIT:
         read_attributes |= HAS_NORMALS
     if material.normal_texture >= 0:

@@ -80,7 +80,7 @@ def gather(job: HeadlightInputs, context: ShadingContext, begin: I64, end: I64) 
     is_linear = context.material.stored_by_gamma != 0
     zero, one, lane = vec.f32(0.0), vec.f32(1.0), vec.iota()
     for x in range(begin, end, vec.LANES):
-        transmittance = vec.load_volatile(gathered, 3 * channel_size + x)
+        transmittance = vec.load_volatile(gathered, 3 * channel_size + x)  # volatile: no masked stores, see ``simd``
         alpha = vec.load(pixels.base_color, 3 * ROW_STRIDE + x - begin)
         if alpha_mode == ALPHA_BLEND:
             alpha = vec.select(alpha == alpha, saturate(alpha), one)  # NaN is opaque
@@ -130,7 +130,7 @@ def _background_channel(background: I64, k: I64) -> F32x8:
 
 @device_function
 def write_background(job: HeadlightInputs, y: I64, begin: I64, end: I64, packed_row: Pointer[I32]) -> None:
-    """Write the background to the pixels ``begin .. end``, blended under the gathered layers if there are any."""
+    """Write the background to the pixels ``begin .. end``. The mode UNDER blends it; GATHER writes no image."""
     background = job.background
     r, g, b = (
         _background_channel(background, 0),
