@@ -89,15 +89,20 @@ class MjcfGeometry:
             return Surface(self._plane(index, size)), True
         if kind in (kinds.mjGEOM_MESH, kinds.mjGEOM_SDF) and self._model.geom_dataid[index] >= 0:
             mesh = self._mesh(int(self._model.geom_dataid[index]))
-            return Surface(mesh), mesh.uv0 is not None
+            if mesh.uv0 is None:
+                return Surface(mesh), False
+            repeats = self._materials.texture_repeats(index)
+            return Surface(mesh if (repeats == 1.0).all() else _scaled_uv(mesh, repeats)), True
         return None, False
 
     def _plane(self, index: int, size: list[float]) -> Mesh:
         """Return a rectangle at z = 0 with half side lengths ``size[:2]``, metres; 0: infinite."""
-        x, y = (half if half > 0.0 else INFINITE_PLANE_HALF_SIDE for half in size[:2])
-        plane = rectangle(2.0 * x, 2.0 * y)
-        uv = plane.positions[:, :2] * self._materials.plane_repeats(index, x, y)
-        return replace(plane, uv0=np.ascontiguousarray(uv, np.float32))
+        halves = np.array([half if half > 0.0 else INFINITE_PLANE_HALF_SIDE for half in size[:2]])
+        plane = rectangle(*(2.0 * halves).tolist())
+        infinite = np.asarray(size[:2]) <= 0.0
+        # There a texture is 2 m / repeats large, and its middle lies at the origin.
+        repeats = self._materials.texture_repeats(index) * np.where(infinite, halves, 1.0)
+        return _scaled_uv(plane, repeats, offset=np.where(infinite, 0.5 - repeats / 2.0, 0.0))
 
     def _mesh(self, mesh: int) -> Mesh:
         """Return a mesh with one index for each corner. MuJoCo has separate indices of position, normal and uv."""
@@ -123,6 +128,12 @@ class MjcfGeometry:
                 uv0=None if uv is None else np.ascontiguousarray(uv[unique[:, 2]], np.float32),
             )
         return self._meshes[mesh]
+
+
+def _scaled_uv(mesh: Mesh, repeats: NDArray[np.float64], offset: NDArray[np.float64] | float = 0.0) -> Mesh:
+    """Return the mesh with its texture coordinates multiplied by the repetitions along u and v, plus an offset."""
+    assert mesh.uv0 is not None
+    return replace(mesh, uv0=np.asarray(mesh.uv0 * repeats + offset, np.float32))
 
 
 def _unique_corners(corners: NDArray[Any]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:

@@ -61,13 +61,17 @@ class MjcfMaterials:
             double_sided=True,
         )
 
-    def plane_repeats(self, geom: int, x: float, y: float) -> NDArray[np.float64]:
-        """Return the repetitions per metre of a plane's texture along x and y, (2,), given its half sides in metres."""
-        index = int(self._model.geom_matid[geom])
+    def texture_repeats(self, geom: int) -> NDArray[np.float64]:
+        """Return the factors of a geometry's texture coordinates, (2,), where 0 to 1 is its whole length.
+
+        With ``texuniform`` MuJoCo also multiplies by the half lengths in metres: a texture is 2 m / texrepeat large.
+        """
+        model, index = self._model, int(self._model.geom_matid[geom])
         if index < 0:
             return np.ones(2)
-        repeats = np.asarray(self._model.mat_texrepeat[index], np.float64)
-        return repeats if self._model.mat_texuniform[index] else repeats / (2.0 * x, 2.0 * y)
+        repeats = np.asarray(model.mat_texrepeat[index], np.float64)
+        half_lengths = np.asarray(model.geom_size[geom][:2], np.float64)
+        return repeats * np.where(half_lengths > 0.0, half_lengths, 1.0) if model.mat_texuniform[index] else repeats
 
     def _pixels(self, texture: int) -> NDArray[np.uint8]:
         """Return the pixels of a texture, (H, W, 4) uint8, top row first."""

@@ -110,6 +110,55 @@ def test_materials_and_textures(tmp_path: Path) -> None:
     assert gold.roughness == pytest.approx(0.3)
 
 
+@pytest.mark.parametrize(
+    ("size", "attributes", "bottom_left", "top_right"),
+    [
+        ("2 1.5 1", 'texrepeat="3 2"', (0, 2), (3, 0)),
+        ("2 1.5 1", 'texrepeat="0.5 0.25" texuniform="true"', (0, 0.375), (1, 0)),
+        ("0 0 1", 'texrepeat="0.5 0.25"', (-2, 1.75), (3, -0.75)),
+        ("0 0 1", 'texrepeat="0.5 0.25" texuniform="true"', (-2, 1.75), (3, -0.75)),
+    ],
+)
+def test_texture_of_planes(
+    tmp_path: Path, size: str, attributes: str, bottom_left: tuple[float, float], top_right: tuple[float, float]
+) -> None:
+    """As MuJoCo 4.0 draws them: upright, from a corner; on infinite planes around the origin, 2 m / texrepeat large."""
+    asset = (
+        '<texture name="t" type="2d" builtin="checker" rgb1="1 0 0" rgb2="0 0 1" width="8" height="8"/>'
+        f'<material name="m" texture="t" {attributes}/>'
+    )
+    robot = read(tmp_path, mjcf(f'<geom type="plane" size="{size}" material="m"/>', f"<asset>{asset}</asset>"))
+    surface = robot.parts[0][0].shape
+    assert isinstance(surface, Surface)
+    assert surface.mesh.uv0 is not None
+    order = surface.mesh.positions[:, :2].sum(axis=1).argsort()
+    np.testing.assert_allclose(surface.mesh.uv0[order[[0, -1]]], (bottom_left, top_right), atol=1e-6)
+
+
+@pytest.mark.parametrize(("uniform", "repeats"), [("false", (3, 2)), ("true", (1.5, 2))])
+def test_texture_repeats_of_meshes(tmp_path: Path, uniform: str, repeats: tuple[float, float]) -> None:
+    """As MuJoCo 4.0 draws them; "true" counts in half lengths of the inertia box, whose shortest side is its first."""
+    corners = [(x, y, z) for x in (-2, 2) for y in (-1, 1) for z in (-0.5, 0.5)]
+    uv = " ".join(f"{(x + 2) / 4} {(y + 1) / 2}" for x, y, _ in corners)
+    faces = "0 1 3 0 3 2 4 6 7 4 7 5 0 4 5 0 5 1 2 3 7 2 7 6 0 2 6 0 6 4 1 5 7 1 7 3"
+    vertices = " ".join(f"{x} {y} {z}" for x, y, z in corners)
+    robot = read(
+        tmp_path,
+        mjcf(
+            '<geom type="mesh" mesh="box" material="m"/>',
+            f'<asset><mesh name="box" vertex="{vertices}" texcoord="{uv}" face="{faces}"/>'
+            '<texture name="t" type="2d" builtin="flat" rgb1="1 0 0" width="8" height="8"/>'
+            f'<material name="m" texture="t" texrepeat="3 2" texuniform="{uniform}"/></asset>',
+        ),
+    )
+    surface = robot.parts[0][0].shape
+    assert isinstance(surface, Surface)
+    assert surface.mesh.uv0 is not None
+    half_lengths = np.sort(np.ptp(surface.mesh.positions, axis=0) / 2)
+    np.testing.assert_allclose(half_lengths, (0.5, 1, 2), atol=1e-6)
+    np.testing.assert_allclose(np.ptp(surface.mesh.uv0, axis=0), repeats, atol=1e-5)
+
+
 def test_meshes_keep_their_place(tmp_path: Path) -> None:
     """MuJoCo moves meshes to their centre of mass, and their geometry back."""
     write(tmp_path, TETRAHEDRON, "meshes/t.obj")
