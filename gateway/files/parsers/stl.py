@@ -33,7 +33,9 @@ def read_stl(
         if stated > count:
             warnings.append(f"it ends after {count} of {stated} triangles")
         count = min(count, stated)
-    if not 0 < count <= max_triangles:
+    if not count:
+        raise MeshFaultError("it has no triangles")
+    if count > max_triangles:
         raise MeshFaultError(f"it has {count} triangles, the limit is {max_triangles}")
     if vertices:
         try:

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gateway.files.robots.mjcf_materials import MjcfMaterials
-from gateway.scene.draw.image_meshes import rectangle
+from gateway.scene.draw.image_meshes import heightmap_mesh, rectangle
 from gateway.scene.tree.geometry import Part, Shape, Surface
 from gateway.scene.tree.transforms import from_pose
 from renderers.drawlist import Mesh
@@ -28,6 +28,7 @@ class MjcfGeometry:
         self._kinds = mujoco.mjtGeom
         self._materials = MjcfMaterials(mujoco, model)
         self._meshes: dict[int, Mesh] = {}
+        self._height_fields: dict[int, Mesh] = {}
         self.warnings: tuple[str, ...] = ()
         """Sentences about geometry that is not shown. ``parts_by_body`` sets them."""
 
@@ -51,7 +52,7 @@ class MjcfGeometry:
             X = from_pose(model.geom_pos[index].tolist(), model.geom_quat[index].tolist())
             parts[int(model.geom_bodyid[index])].append(Part(shape, material, X))
         if unsupported:
-            self.warnings = (f"{unsupported} geometries of other types (height fields, SDFs) are not shown",)
+            self.warnings = (f"{unsupported} geometries of other types are not shown",)
         return tuple(map(tuple, parts))
 
     def _collides(self) -> NDArray[np.bool_]:
@@ -87,6 +88,8 @@ class MjcfGeometry:
             return Ellipsoid((size[0], size[1], size[2])), False
         if kind == kinds.mjGEOM_PLANE:
             return Surface(self._plane(index, size)), True
+        if kind == kinds.mjGEOM_HFIELD:
+            return Surface(self._height_field(index, size)), True
         if kind in (kinds.mjGEOM_MESH, kinds.mjGEOM_SDF) and self._model.geom_dataid[index] >= 0:
             mesh = self._mesh(int(self._model.geom_dataid[index]))
             if mesh.uv0 is None:
@@ -103,6 +106,21 @@ class MjcfGeometry:
         # There a texture is 2 m / repeats large, and its middle lies at the origin.
         repeats = self._materials.texture_repeats(index) * np.where(infinite, halves, 1.0)
         return _scaled_uv(plane, repeats, offset=np.where(infinite, 0.5 - repeats / 2.0, 0.0))
+
+    def _height_field(self, index: int, size: list[float]) -> Mesh:
+        """Return the surface of a height field, without its base and sides; ``size[:2]``: half side lengths, metres."""
+        field = int(self._model.geom_dataid[index])
+        if field not in self._height_fields:
+            model = self._model
+            rows, columns, start = (int(a[field]) for a in (model.hfield_nrow, model.hfield_ncol, model.hfield_adr))
+            heights = model.hfield_data[start : start + rows * columns].reshape(rows, columns)
+            heights = (heights * model.hfield_size[field][2]).astype(np.float32)
+            mesh = heightmap_mesh(heights, (2.0 * size[0], 2.0 * size[1]), None)
+            assert mesh is not None  # MuJoCo's heights are finite
+            self._height_fields[field] = mesh
+        # The middle of a texture lies at the origin, its top towards +y.
+        repeats = self._materials.texture_repeats(index) * (1.0, -1.0)
+        return _scaled_uv(self._height_fields[field], repeats, offset=0.5 - repeats / 2.0)
 
     def _mesh(self, mesh: int) -> Mesh:
         """Return a mesh with one index for each corner. MuJoCo has separate indices of position, normal and uv."""

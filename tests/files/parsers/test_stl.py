@@ -68,7 +68,16 @@ def test_a_file_that_ends_early_has_a_warning() -> None:
     assert "2 of 3" in warnings[0]
 
 
-@pytest.mark.parametrize("data", [b"", b"\0" * 200, b"solid a\nendsolid a\n", binary(), b"solid vertex 1 1 nil" * 3])
-def test_files_without_triangles_or_beyond_the_limit(data: bytes) -> None:
-    with pytest.raises(MeshFaultError):
+@pytest.mark.parametrize(
+    ("data", "reason"),
+    [
+        (b"", "no triangles"),
+        (b"solid a\nendsolid a\n", "no triangles"),
+        (b"\0" * 200, "no triangles"),
+        (binary(), "limit is 1"),
+        (b"solid vertex 1 1 nil" * 3, "number"),
+    ],
+)
+def test_files_without_triangles_or_beyond_the_limit(data: bytes, reason: str) -> None:
+    with pytest.raises(MeshFaultError, match=reason):
         read_stl(data, 1, [])

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from gateway.files.gltf.limits import GltfLimits
 from gateway.files.robots.limits import RobotLimits
 from gateway.files.robots.reader import read_robot
 from gateway.files.robots.robot import Robot
@@ -269,14 +270,26 @@ def test_elements_of_included_files_are_limited(tmp_path: Path) -> None:
 def test_limits(tmp_path: Path) -> None:
     with pytest.raises(RobotFileError, match="it has 2 geometries, the limit is 1"):
         read(tmp_path, mjcf('<geom size="1"/><geom size="1"/>'), limits=RobotLimits(max_geometries=1))
+    field = '<asset><hfield name="h" nrow="20" ncol="10" size="1 1 1 1"/></asset>'
+    limits = RobotLimits(mesh=GltfLimits(max_vertices=199))
+    with pytest.raises(RobotFileError, match="it has 200 vertices, the limit is 199"):
+        read(tmp_path, mjcf('<geom type="hfield" hfield="h"/>', field), limits=limits)
 
 
-def test_height_fields_are_a_warning(tmp_path: Path) -> None:
-    robot = read(
-        tmp_path,
-        mjcf('<geom type="hfield" hfield="h"/>', '<asset><hfield name="h" nrow="2" ncol="2" size="1 1 1 1"/></asset>'),
+def test_height_fields(tmp_path: Path) -> None:
+    """MuJoCo scales heights to 0 to 1 of the size's third number; the file's first row is the one of the largest y."""
+    field = '<hfield name="h" nrow="2" ncol="3" size="3 2 0.5 0.1" elevation="0 0 4  1 2 3"/>'
+    robot = read(tmp_path, mjcf('<geom type="hfield" hfield="h" pos="0 0 1"/>', f"<asset>{field}</asset>"))
+    ((part,),) = robot.parts
+    assert isinstance(part.shape, Surface)
+    np.testing.assert_allclose(
+        part.shape.mesh.positions,
+        [(-3, -2, 0.125), (0, -2, 0.25), (3, -2, 0.375), (-3, 2, 0), (0, 2, 0), (3, 2, 0.5)],
     )
-    assert robot.warnings == ("1 geometries of other types (height fields, SDFs) are not shown",)
+    assert part.shape.mesh.uv0 is not None
+    np.testing.assert_allclose(part.shape.mesh.uv0[[0, -1]], [(0, 1), (1, 0)])
+    assert part.X_node_part[2, 3] == 1.0
+    assert robot.warnings == ()
 
 
 def test_urdf_in_a_file_called_xml(tmp_path: Path) -> None:
