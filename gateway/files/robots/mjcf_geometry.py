@@ -18,6 +18,17 @@ COLLISION_GROUP: Final = 3
 """First group of collision geometry, by convention: MuJoCo's viewer hides this group and higher ones."""
 INFINITE_PLANE_HALF_SIDE: Final = 10.0
 """Half the side length with which infinite planes are drawn, metres."""
+_CUBE_MAP_FACES: Final = np.array(
+    [
+        [(1, 0, 0), (0, 0, -1), (0, -1, 0)],
+        [(-1, 0, 0), (0, 0, 1), (0, -1, 0)],
+        [(0, 1, 0), (1, 0, 0), (0, 0, 1)],
+        [(0, -1, 0), (1, 0, 0), (0, 0, -1)],
+        [(0, 0, 1), (1, 0, 0), (0, -1, 0)],
+        [(0, 0, -1), (-1, 0, 0), (0, -1, 0)],
+    ]
+)
+"""Normal, direction of an image's columns and of its rows, for each face of a cube map, as in OpenGL."""
 
 
 class MjcfGeometry:
@@ -83,6 +94,8 @@ class MjcfGeometry:
         if kind == kinds.mjGEOM_CYLINDER:
             return Cylinder(size[0], 2.0 * size[1]), False
         if kind == kinds.mjGEOM_BOX:
+            if texels := self._materials.cube_map_texels(index):
+                return Surface(_cube_mapped_box(np.array(size), texels)), True
             return Box((2.0 * size[0], 2.0 * size[1], 2.0 * size[2])), False
         if kind == kinds.mjGEOM_ELLIPSOID:
             return Ellipsoid((size[0], size[1], size[2])), False
@@ -152,6 +165,25 @@ def _scaled_uv(mesh: Mesh, repeats: NDArray[np.float64], offset: NDArray[np.floa
     """Return the mesh with its texture coordinates multiplied by the repetitions along u and v, plus an offset."""
     assert mesh.uv0 is not None
     return replace(mesh, uv0=np.asarray(mesh.uv0 * repeats + offset, np.float32))
+
+
+def _cube_mapped_box(half_lengths: NDArray[np.float64], texels: int) -> Mesh:
+    """Return a box with half side lengths (3,), metres, whose faces show those of a cube map: six images in one column.
+
+    ``texels``: side length of these images. Coordinates stay half a texel inside, so that no other face shows at edges.
+    """
+    steps = np.array(((-1, -1), (-1, 1), (1, 1), (1, -1)))  # anticlockwise from outside
+    normals, columns, rows = (_CUBE_MAP_FACES[:, each, None] for each in range(3))
+    positions = (normals + columns * steps[:, :1] + rows * steps[:, 1:]) * half_lengths
+    uv = np.tile(0.5 + steps * (0.5 - 0.5 / texels), (6, 1, 1))
+    uv[:, :, 1] = (uv[:, :, 1] + np.arange(6)[:, None]) / 6.0
+    triangles = (4 * np.arange(6)[:, None, None] + ((0, 1, 2), (0, 2, 3))).reshape(-1, 3)
+    return Mesh(
+        positions.reshape(-1, 3).astype(np.float32),
+        triangles.astype(np.uint32),
+        normals=np.repeat(normals, 4, axis=1).reshape(-1, 3).astype(np.float32),
+        uv0=uv.reshape(-1, 2).astype(np.float32),
+    )
 
 
 def _unique_corners(corners: NDArray[Any]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:

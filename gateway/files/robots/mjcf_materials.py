@@ -21,6 +21,8 @@ class MjcfMaterials:
         self._model = model
         self._color_roles = (int(mujoco.mjtTextureRole.mjTEXROLE_RGB), int(mujoco.mjtTextureRole.mjTEXROLE_RGBA))
         self._texture_2d = int(mujoco.mjtTexture.mjTEXTURE_2D)
+        self._cube_map = int(mujoco.mjtTexture.mjTEXTURE_CUBE)
+        self._box = int(mujoco.mjtGeom.mjGEOM_BOX)
         self._images: dict[int, Image] = {}
 
     def rgba(self, geom: int) -> tuple[float, float, float, float]:
@@ -44,9 +46,9 @@ class MjcfMaterials:
             if roughness < 0.0:  # the file does not set it
                 roughness = _roughness(float(model.mat_shininess[material_index]))
             emission = float(model.mat_emission[material_index])
-            textures = [int(model.mat_texid[material_index][role]) for role in self._color_roles]
-            texture_index = next((index for index in textures if index >= 0), None)
-            if texture_index is not None and has_uv and int(model.tex_type[texture_index]) == self._texture_2d:
+            texture_index = self._color_texture(material_index)
+            is_2d = texture_index is not None and int(model.tex_type[texture_index]) == self._texture_2d
+            if texture_index is not None and ((has_uv and is_2d) or self.cube_map_texels(geom)):
                 texture = Texture(self._image(texture_index), name=f"texture {texture_index}")
             elif texture_index is not None:
                 color = color * mean_color(self._image(texture_index))
@@ -60,6 +62,25 @@ class MjcfMaterials:
             alpha_mode=AlphaMode.BLEND if alpha < 1.0 else AlphaMode.OPAQUE,
             double_sided=True,
         )
+
+    def _color_texture(self, material: int) -> int | None:
+        textures = (int(self._model.mat_texid[material][role]) for role in self._color_roles)
+        return next((index for index in textures if index >= 0), None)
+
+    def cube_map_texels(self, geom: int) -> int:
+        """Return the side length of a face of the cube map on a box, in texels; 0: it is not a box or has no cube map.
+
+        Also 0 with ``texuniform``, unless all sides of the box are equal: there, faces show parts of their neighbours.
+        """
+        model, material = self._model, int(self._model.geom_matid[geom])
+        if int(model.geom_type[geom]) != self._box or material < 0:
+            return 0
+        texture = self._color_texture(material)
+        if texture is None or int(model.tex_type[texture]) != self._cube_map:
+            return 0
+        is_stretched = model.mat_texuniform[material] and np.ptp(model.geom_size[geom]) > 0.0
+        height, width = int(model.tex_height[texture]), int(model.tex_width[texture])
+        return 0 if is_stretched or height != 6 * width else width
 
     def texture_repeats(self, geom: int) -> NDArray[np.float64]:
         """Return the factors of a geometry's texture coordinates, (2,), where 0 to 1 is its whole length.

@@ -5,6 +5,7 @@ import sys
 from importlib.metadata import version
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 
@@ -158,6 +159,47 @@ def test_texture_repeats_of_meshes(tmp_path: Path, uniform: str, repeats: tuple[
     half_lengths = np.sort(np.ptp(surface.mesh.positions, axis=0) / 2)
     np.testing.assert_allclose(half_lengths, (0.5, 1, 2), atol=1e-6)
     np.testing.assert_allclose(np.ptp(surface.mesh.uv0, axis=0), repeats, atol=1e-5)
+
+
+def test_cube_maps_of_boxes(tmp_path: Path) -> None:
+    """As MuJoCo 4.0 draws them: each face of the box shows one of the cube map's, which lie in a column."""
+    names = ("right", "left", "up", "down", "front", "back")
+    colors = np.array([(255, 0, 0), (0, 255, 0), (0, 0, 255), (255, 255, 0), (0, 255, 255), (255, 0, 255)], np.uint8)
+    for name, color in zip(names, colors, strict=True):
+        image = np.full((8, 8, 3), color)
+        image[0, 0] = 255  # top left
+        cv2.imwrite(str(tmp_path / f"{name}.png"), image[:, :, ::-1])
+    files = " ".join(f'file{name}="{name}.png"' for name in names)
+    robot = read(
+        tmp_path,
+        mjcf(
+            '<geom type="box" size="3 2 1" material="m"/><geom type="sphere" size="1" material="m"/>'
+            '<geom type="box" size="3 2 1" material="u"/>',
+            f'<asset><texture name="t" type="cube" {files}/><material name="m" texture="t"/>'
+            '<material name="u" texture="t" texuniform="true"/></asset>',
+        ),
+    )
+    box, sphere, uniform = robot.parts[0]
+    assert sphere.material.base_color_texture is None
+    assert uniform.shape == Box((6.0, 4.0, 2.0))
+    assert isinstance(box.shape, Surface)
+    mesh, texture = box.shape.mesh, box.material.base_color_texture
+    assert texture is not None
+    assert mesh.uv0 is not None
+    assert mesh.normals is not None
+    pixels = texture.image.decode()
+    assert pixels.shape == (48, 8, 4)
+    axes = np.array([(1, 0, 0), (-1, 0, 0), (0, 1, 0), (0, -1, 0), (0, 0, 1), (0, 0, -1)])
+    top_left = np.array([(3, 2, 1), (-3, 2, -1), (-3, 2, -1), (-3, -2, 1), (-3, 2, 1), (3, 2, -1)])
+    for axis, color, corner in zip(axes, colors, top_left, strict=True):
+        face = (mesh.normals == axis).all(axis=1)
+        column, row = (mesh.uv0[face].mean(axis=0) * (8, 48)).astype(int)
+        assert pixels[row, column, :3].tolist() == color.tolist()
+        columns, rows = (mesh.uv0[face] * (8, 48)).astype(int).T
+        white = pixels[rows, columns].min(axis=1) == 255
+        assert mesh.positions[face][white].tolist() == [corner.tolist()]
+    a, b, c = mesh.positions[mesh.elements].transpose(1, 0, 2)
+    assert (np.einsum("ij,ij->i", np.cross(b - a, c - a), mesh.normals[mesh.elements[:, 0]]) > 0).all()
 
 
 def test_meshes_keep_their_place(tmp_path: Path) -> None:
