@@ -30,6 +30,18 @@ _CUBE_MAP_FACES: Final = np.array(
 )
 """Normal, direction of an image's columns and of its rows, for each face of a cube map, as in OpenGL."""
 
+_BOX_FACES: Final = np.array(
+    [
+        [(1, 0, 0), (0, 1, 0), (0, 0, -1)],
+        [(-1, 0, 0), (0, 1, 0), (0, 0, -1)],
+        [(0, 1, 0), (1, 0, 0), (0, 0, -1)],
+        [(0, -1, 0), (1, 0, 0), (0, 0, -1)],
+        [(0, 0, 1), (1, 0, 0), (0, -1, 0)],
+        [(0, 0, -1), (1, 0, 0), (0, -1, 0)],
+    ]
+)
+"""The same for an image on a box, as MuJoCo draws it: mirrored on three faces."""
+
 
 class MjcfGeometry:
     """Converts the geometries of a model. A mesh that several geometries use is converted once."""
@@ -96,6 +108,9 @@ class MjcfGeometry:
         if kind == kinds.mjGEOM_BOX:
             if texels := self._materials.cube_map_texels(index):
                 return Surface(_cube_mapped_box(np.array(size), texels)), True
+            if self._materials.has_image(index):
+                box = _textured_box(np.array(size), _BOX_FACES)
+                return Surface(_scaled_uv(box, self._materials.texture_repeats(index))), True
             return Box((2.0 * size[0], 2.0 * size[1], 2.0 * size[2])), False
         if kind == kinds.mjGEOM_ELLIPSOID:
             return Ellipsoid((size[0], size[1], size[2])), False
@@ -172,17 +187,26 @@ def _cube_mapped_box(half_lengths: NDArray[np.float64], texels: int) -> Mesh:
 
     ``texels``: side length of these images. Coordinates stay half a texel inside, so that no other face shows at edges.
     """
-    steps = np.array(((-1, -1), (-1, 1), (1, 1), (1, -1)))  # anticlockwise from outside
-    normals, columns, rows = (_CUBE_MAP_FACES[:, each, None] for each in range(3))
+    box = _textured_box(half_lengths, _CUBE_MAP_FACES)
+    assert box.uv0 is not None
+    uv = 0.5 + (box.uv0 - 0.5) * (1.0 - 1.0 / texels)
+    uv[:, 1] = (uv[:, 1] + np.arange(6).repeat(4)) / 6.0
+    return replace(box, uv0=uv.astype(np.float32))
+
+
+def _textured_box(half_lengths: NDArray[np.float64], faces: NDArray[np.int64]) -> Mesh:
+    """Return a box with half side lengths (3,), metres; each of its ``faces`` shows a whole image."""
+    steps = np.array(((-1, -1), (-1, 1), (1, 1), (1, -1)))
+    normals, columns, rows = (faces[:, each, None] for each in range(3))
     positions = (normals + columns * steps[:, :1] + rows * steps[:, 1:]) * half_lengths
-    uv = np.tile(0.5 + steps * (0.5 - 0.5 / texels), (6, 1, 1))
-    uv[:, :, 1] = (uv[:, :, 1] + np.arange(6)[:, None]) / 6.0
-    triangles = (4 * np.arange(6)[:, None, None] + ((0, 1, 2), (0, 2, 3))).reshape(-1, 3)
+    quads = 4 * np.arange(6)[:, None] + np.arange(4)
+    mirrored = np.einsum("ij,ij->i", np.cross(faces[:, 2], faces[:, 1]), faces[:, 0]) < 0
+    quads[mirrored] = quads[mirrored, ::-1]  # anticlockwise from outside
     return Mesh(
         positions.reshape(-1, 3).astype(np.float32),
-        triangles.astype(np.uint32),
+        quads[:, [0, 1, 2, 0, 2, 3]].reshape(-1, 3).astype(np.uint32),
         normals=np.repeat(normals, 4, axis=1).reshape(-1, 3).astype(np.float32),
-        uv0=uv.reshape(-1, 2).astype(np.float32),
+        uv0=np.tile((0.5 + 0.5 * steps).astype(np.float32), (6, 1)),
     )
 
 

@@ -47,8 +47,7 @@ class MjcfMaterials:
                 roughness = _roughness(float(model.mat_shininess[material_index]))
             emission = float(model.mat_emission[material_index])
             texture_index = self._color_texture(material_index)
-            is_2d = texture_index is not None and int(model.tex_type[texture_index]) == self._texture_2d
-            if texture_index is not None and ((has_uv and is_2d) or self.cube_map_texels(geom)):
+            if texture_index is not None and ((has_uv and self.has_image(geom)) or self.cube_map_texels(geom)):
                 texture = Texture(self._image(texture_index), name=f"texture {texture_index}")
             elif texture_index is not None:
                 color = color * mean_color(self._image(texture_index))
@@ -66,6 +65,12 @@ class MjcfMaterials:
     def _color_texture(self, material: int) -> int | None:
         textures = (int(self._model.mat_texid[material][role]) for role in self._color_roles)
         return next((index for index in textures if index >= 0), None)
+
+    def has_image(self, geom: int) -> bool:
+        """Return True if a geometry's material has a texture for coordinates u and v."""
+        material = int(self._model.geom_matid[geom])
+        texture = self._color_texture(material) if material >= 0 else None
+        return texture is not None and int(self._model.tex_type[texture]) == self._texture_2d
 
     def cube_map_texels(self, geom: int) -> int:
         """Return the side length of a face of the cube map on a box, in texels; 0: it is not a box or has no cube map.

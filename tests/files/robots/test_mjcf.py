@@ -202,6 +202,26 @@ def test_cube_maps_of_boxes(tmp_path: Path) -> None:
     assert (np.einsum("ij,ij->i", np.cross(b - a, c - a), mesh.normals[mesh.elements[:, 0]]) > 0).all()
 
 
+def test_images_on_boxes(tmp_path: Path) -> None:
+    """As MuJoCo 4.0 draws them: the top left corner of the image lies at these corners."""
+    asset = (
+        '<texture name="t" type="2d" builtin="checker" rgb1="1 0 0" rgb2="0 0 1" width="8" height="8"/>'
+        '<material name="m" texture="t" texrepeat="2 3"/>'
+    )
+    robot = read(tmp_path, mjcf('<geom type="box" size="3 2 1" material="m"/>', f"<asset>{asset}</asset>"))
+    part = robot.parts[0][0]
+    assert part.material.base_color_texture is not None
+    assert isinstance(part.shape, Surface)
+    mesh = part.shape.mesh
+    assert mesh.uv0 is not None
+    assert mesh.normals is not None
+    np.testing.assert_allclose(mesh.uv0.max(axis=0), (2, 3))
+    corners = mesh.positions[(mesh.uv0 == 0).all(axis=1)]
+    assert corners.tolist() == [[3, -2, 1], [-3, -2, 1], [-3, 2, 1], [-3, -2, 1], [-3, 2, 1], [-3, 2, -1]]
+    a, b, c = mesh.positions[mesh.elements].transpose(1, 0, 2)
+    assert (np.einsum("ij,ij->i", np.cross(b - a, c - a), mesh.normals[mesh.elements[:, 0]]) > 0).all()
+
+
 def test_meshes_keep_their_place(tmp_path: Path) -> None:
     """MuJoCo moves meshes to their centre of mass, and their geometry back."""
     write(tmp_path, TETRAHEDRON, "meshes/t.obj")
