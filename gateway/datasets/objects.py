@@ -46,10 +46,13 @@ def objects_of(root: Node, models: Mapping[TreePath, str] = MappingProxyType({})
     Models that ``models`` does not name are called after their path.
     """
     return tuple(
-        SceneObject(path, models.get(path) or _model_name(path))
-        for path, node in root.walk()
-        if any(not isinstance(part.shape, Light) for part in node.parts or ())
+        SceneObject(path, models.get(path) or _model_name(path)) for path, node in root.walk() if has_geometry(node)
     )
+
+
+def has_geometry(node: Node) -> bool:
+    """Return True if a node has parts other than lights."""
+    return any(not isinstance(part.shape, Light) for part in node.parts or ())
 
 
 def joined_objects(objects: tuple[SceneObject, ...], is_whole: Callable[[TreePath], bool]) -> tuple[SceneObject, ...]:

@@ -141,7 +141,8 @@ class CpuRenderer:
 
         Raises:
             ImageError: a texture that colour or a cut-out needs cannot be decoded.
-            ValueError, TypeError: the image is larger than MAX_SIDE, or a mesh is not as ``Mesh`` requires.
+            ValueError, TypeError: the image is larger than MAX_SIDE, a mesh is not as ``Mesh`` requires, or the image
+                cannot be in roots (``Frame.roots``).
         """
         if not camera.width <= MAX_SIDE >= camera.height:
             raise ValueError(f"camera size {camera.width}x{camera.height} is larger than {MAX_SIDE}x{MAX_SIDE}")

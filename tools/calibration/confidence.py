@@ -83,7 +83,7 @@ class Tree:
 
 
 def collect(sample: Sample, matches: NDArray[np.uint16], pixels: int) -> Iterator[Matches]:
-    """Yield matches of a sample that have texture and an exact disparity, and a few that are wrong on purpose.
+    """Yield matches of a sample that have texture and an exact disparity, and a few of many that are wrong on purpose.
 
     Args:
         sample: images and exact disparity.

@@ -8,7 +8,7 @@ from typing import Final
 
 import numpy as np
 
-from gateway.datasets.objects import SceneObject
+from gateway.datasets.objects import SceneObject, has_geometry
 from gateway.datasets.scenario import tables
 from gateway.datasets.scenario.catalogue import Catalogue
 from gateway.datasets.scenario.choices import ObjectChoice, SceneChoices
@@ -83,7 +83,7 @@ def has_moving_parts(table: tables.Model) -> bool:
 def _part_objects(root: Node, model_name: str, root_path: tuple[PathElement, ...]) -> Iterator[SceneObject]:
     """Yield an object for each node with geometry of a model. The root of a model has none."""
     for path, node in root.walk(root_path):
-        if node.parts:
+        if has_geometry(node):
             yield SceneObject(path, f"{model_name}/{path[-1]}")
 
 

@@ -54,7 +54,7 @@ def read_mjcf(root: Element, files: RobotFiles, use: GeometryUse, keyframe: str,
     check_count(model.nmeshface + 2 * model.nhfielddata, limits.mesh.max_elements, "triangles")
     links = _unique_names(mujoco, model, mujoco.mjtObj.mjOBJ_BODY, model.nbody, "body")
     joints = _joints(mujoco, model, _keyframe_values(mujoco, model, keyframe))
-    converter = MjcfGeometry(mujoco, model)
+    converter = MjcfGeometry(mujoco, model, limits.mesh.max_vertices)
     parts = converter.parts_by_body(use)
     warnings = tuple(
         f"{count} {what} are not shown" for count, what in ((model.nskin, "skins"), (model.nflex, "flexes")) if count

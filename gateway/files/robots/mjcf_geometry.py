@@ -13,6 +13,7 @@ from gateway.scene.tree.transforms import from_pose
 from renderers.drawlist import Mesh
 from scenegate.messages.geometry import Box, Capsule, Cylinder, Ellipsoid, Sphere
 from scenegate.robots.robot import GeometryUse
+from scenegate.robots.robot_limits import check_count
 
 COLLISION_GROUP: Final = 3
 """First group of collision geometry, by convention: MuJoCo's viewer hides this group and higher ones."""
@@ -46,12 +47,20 @@ _BOX_FACES: Final = np.array(
 class MjcfGeometry:
     """Converts the geometries of a model. A mesh that several geometries use is converted once."""
 
-    def __init__(self, mujoco: Any, model: Any) -> None:
+    def __init__(self, mujoco: Any, model: Any, max_vertices: int) -> None:
+        """
+        Args:
+            max_vertices: maximum number of vertices of all meshes with a texture that repeats in different ways.
+        """
         self._model = model
+        self._max_vertices = max_vertices
         self._kinds = mujoco.mjtGeom
         self._materials = MjcfMaterials(mujoco, model)
         self._meshes: dict[int, Mesh] = {}
-        self._height_fields: dict[int, Mesh] = {}
+        self._height_fields: dict[int, Mesh | None] = {}
+        self._repeated: dict[tuple[int, bytes], tuple[Mesh, Mesh]] = {}
+        """Meshes with scaled texture coordinates, by the mesh's id and the scale; each with the mesh itself."""
+        self._repeated_vertices = 0
         self.warnings: tuple[str, ...] = ()
         """Sentences about geometry that is not shown. ``parts_by_body`` sets them."""
 
@@ -67,7 +76,7 @@ class MjcfGeometry:
             rgba = self._materials.rgba(index)
             if rgba[3] <= 0.0 and use == "visual":
                 continue
-            shape, has_uv = self._shape(index)
+            shape, has_uv = self._shape(index, use)
             if shape is None:
                 unsupported += 1
                 continue
@@ -95,7 +104,7 @@ class MjcfGeometry:
         has_visual[model.geom_bodyid[~collides & (group >= 1) & (group < COLLISION_GROUP)]] = True
         return np.asarray((group >= COLLISION_GROUP) | ((group == 0) & collides & has_visual[model.geom_bodyid]))
 
-    def _shape(self, index: int) -> tuple[Shape | None, bool]:
+    def _shape(self, index: int, use: GeometryUse) -> tuple[Shape | None, bool]:
         """Return the shape of a geometry (None: its type is not supported), and True if it has texture coordinates."""
         kind, size = self._kinds(int(self._model.geom_type[index])), self._model.geom_size[index].tolist()
         kinds = self._kinds
@@ -106,9 +115,10 @@ class MjcfGeometry:
         if kind == kinds.mjGEOM_CYLINDER:
             return Cylinder(size[0], 2.0 * size[1]), False
         if kind == kinds.mjGEOM_BOX:
-            if texels := self._materials.cube_map_texels(index):
-                return Surface(_cube_mapped_box(np.array(size), texels)), True
-            if self._materials.has_image(index):
+            texels = self._materials.cube_map_texels(index)
+            if use == "visual" and texels:
+                return Surface(_cube_mapped_box(np.array(size), texels, self._materials.cube_map_images(index))), True
+            if use == "visual" and self._materials.has_image(index):
                 box = _textured_box(np.array(size), _BOX_FACES)
                 return Surface(_scaled_uv(box, self._materials.texture_repeats(index))), True
             return Box((2.0 * size[0], 2.0 * size[1], 2.0 * size[2])), False
@@ -117,13 +127,13 @@ class MjcfGeometry:
         if kind == kinds.mjGEOM_PLANE:
             return Surface(self._plane(index, size)), True
         if kind == kinds.mjGEOM_HFIELD:
-            return Surface(self._height_field(index, size)), True
+            field = self._height_field(index, size)
+            return None if field is None else Surface(field), True
         if kind in (kinds.mjGEOM_MESH, kinds.mjGEOM_SDF) and self._model.geom_dataid[index] >= 0:
             mesh = self._mesh(int(self._model.geom_dataid[index]))
             if mesh.uv0 is None:
                 return Surface(mesh), False
-            repeats = self._materials.texture_repeats(index)
-            return Surface(mesh if (repeats == 1.0).all() else _scaled_uv(mesh, repeats)), True
+            return Surface(self._with_repeats(index, mesh, self._materials.texture_repeats(index))), True
         return None, False
 
     def _plane(self, index: int, size: list[float]) -> Mesh:
@@ -135,20 +145,41 @@ class MjcfGeometry:
         repeats = self._materials.texture_repeats(index) * np.where(infinite, halves, 1.0)
         return _scaled_uv(plane, repeats, offset=np.where(infinite, 0.5 - repeats / 2.0, 0.0))
 
-    def _height_field(self, index: int, size: list[float]) -> Mesh:
-        """Return the surface of a height field, without its base and sides; ``size[:2]``: half side lengths, metres."""
+    def _with_repeats(
+        self, index: int, mesh: Mesh, repeats: NDArray[np.float64], offset: NDArray[np.float64] | float = 0.0
+    ) -> Mesh:
+        """Return ``_scaled_uv`` if the geometry shows an image, the same mesh for the same arguments.
+
+        Raises RobotFileError for too many vertices.
+        """
+        if not self._materials.has_image(index) or ((repeats == 1.0).all() and not np.any(offset)):
+            return mesh
+        key = id(mesh), repeats.tobytes()
+        if key not in self._repeated:
+            self._repeated_vertices += len(mesh.positions)
+            check_count(self._repeated_vertices, self._max_vertices, "vertices of meshes with repeated textures")
+            self._repeated[key] = _scaled_uv(mesh, repeats, offset), mesh
+        return self._repeated[key][0]
+
+    def _height_field(self, index: int, size: list[float]) -> Mesh | None:
+        """Return the surface of a height field, without its base and sides; None if its heights are not finite.
+
+        ``size[:2]``: half side lengths, metres.
+        """
         field = int(self._model.geom_dataid[index])
         if field not in self._height_fields:
             model = self._model
             rows, columns, start = (int(a[field]) for a in (model.hfield_nrow, model.hfield_ncol, model.hfield_adr))
             heights = model.hfield_data[start : start + rows * columns].reshape(rows, columns)
-            heights = (heights * model.hfield_size[field][2]).astype(np.float32)
-            mesh = heightmap_mesh(heights, (2.0 * size[0], 2.0 * size[1]), None)
-            assert mesh is not None  # MuJoCo's heights are finite
-            self._height_fields[field] = mesh
+            with np.errstate(all="ignore"):
+                heights = (heights * model.hfield_size[field][2]).astype(np.float32)
+                self._height_fields[field] = heightmap_mesh(heights, (2.0 * size[0], 2.0 * size[1]), None)
+        mesh = self._height_fields[field]
+        if mesh is None:
+            return None
         # The middle of a texture lies at the origin, its top towards +y.
         repeats = self._materials.texture_repeats(index) * (1.0, -1.0)
-        return _scaled_uv(self._height_fields[field], repeats, offset=0.5 - repeats / 2.0)
+        return self._with_repeats(index, mesh, repeats, offset=0.5 - repeats / 2.0)
 
     def _mesh(self, mesh: int) -> Mesh:
         """Return a mesh with one index for each corner. MuJoCo has separate indices of position, normal and uv."""
@@ -179,18 +210,21 @@ class MjcfGeometry:
 def _scaled_uv(mesh: Mesh, repeats: NDArray[np.float64], offset: NDArray[np.float64] | float = 0.0) -> Mesh:
     """Return the mesh with its texture coordinates multiplied by the repetitions along u and v, plus an offset."""
     assert mesh.uv0 is not None
-    return replace(mesh, uv0=np.asarray(mesh.uv0 * repeats + offset, np.float32))
+    with np.errstate(all="ignore"):
+        uv = (mesh.uv0 * repeats + offset).astype(np.float32)
+    return replace(mesh, uv0=np.nan_to_num(uv, posinf=0.0, neginf=0.0))
 
 
-def _cube_mapped_box(half_lengths: NDArray[np.float64], texels: int) -> Mesh:
-    """Return a box with half side lengths (3,), metres, whose faces show those of a cube map: six images in one column.
+def _cube_mapped_box(half_lengths: NDArray[np.float64], texels: int, images: int) -> Mesh:
+    """Return a box with half side lengths (3,), metres, whose faces show those of a cube map.
 
-    ``texels``: side length of these images. Coordinates stay half a texel inside, so that no other face shows at edges.
+    The map has six ``images`` in one column, or one for all faces; ``texels``: their side length. Coordinates stay half
+    a texel inside, so that no other face shows at edges.
     """
     box = _textured_box(half_lengths, _CUBE_MAP_FACES)
     assert box.uv0 is not None
     uv = 0.5 + (box.uv0 - 0.5) * (1.0 - 1.0 / texels)
-    uv[:, 1] = (uv[:, 1] + np.arange(6).repeat(4)) / 6.0
+    uv[:, 1] = (uv[:, 1] + np.arange(6).repeat(4) % images) / images
     return replace(box, uv0=uv.astype(np.float32))
 
 

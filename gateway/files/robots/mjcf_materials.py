@@ -47,7 +47,7 @@ class MjcfMaterials:
                 roughness = _roughness(float(model.mat_shininess[material_index]))
             emission = float(model.mat_emission[material_index])
             texture_index = self._color_texture(material_index)
-            if texture_index is not None and ((has_uv and self.has_image(geom)) or self.cube_map_texels(geom)):
+            if texture_index is not None and has_uv and (self.has_image(geom) or self.cube_map_texels(geom)):
                 texture = Texture(self._image(texture_index), name=f"texture {texture_index}")
             elif texture_index is not None:
                 color = color * mean_color(self._image(texture_index))
@@ -75,6 +75,8 @@ class MjcfMaterials:
     def cube_map_texels(self, geom: int) -> int:
         """Return the side length of a face of the cube map on a box, in texels; 0: it is not a box or has no cube map.
 
+        The map is one image for all faces, or six in a column (``cube_map_images``).
+
         Also 0 with ``texuniform``, unless all sides of the box are equal: there, faces show parts of their neighbours.
         """
         model, material = self._model, int(self._model.geom_matid[geom])
@@ -85,7 +87,12 @@ class MjcfMaterials:
             return 0
         is_stretched = model.mat_texuniform[material] and np.ptp(model.geom_size[geom]) > 0.0
         height, width = int(model.tex_height[texture]), int(model.tex_width[texture])
-        return 0 if is_stretched or height != 6 * width else width
+        return 0 if is_stretched or height not in (width, 6 * width) else width
+
+    def cube_map_images(self, geom: int) -> int:
+        """Return the number of images of the cube map on a box, 1 or 6."""
+        texture = self._color_texture(int(self._model.geom_matid[geom]))
+        return int(self._model.tex_height[texture] // self._model.tex_width[texture])
 
     def texture_repeats(self, geom: int) -> NDArray[np.float64]:
         """Return the factors of a geometry's texture coordinates, (2,), where 0 to 1 is its whole length.

@@ -106,8 +106,9 @@ class Flattener:
 
     def warning(self) -> str:
         """Return a sentence if the last tree has more than ``MAX_LIGHTS`` lights, else an empty string."""
-        count = self._flattener.light_count
-        return f"the scene has {count} lights, and only the first {MAX_LIGHTS} shine" if count > MAX_LIGHTS else ""
+        if not self._flattener.has_more_lights:
+            return ""
+        return f"the scene has more than {MAX_LIGHTS} lights, and only the first {MAX_LIGHTS} shine"
 
 
 class _TreeFlattener:
@@ -125,11 +126,8 @@ class _TreeFlattener:
         """True if the current call may have changed the number of instances of a node, or its lights."""
         self._lit_entries: list[_Entry] = []
         """Entries with lights, in the order of the tree."""
-
-    @property
-    def light_count(self) -> int:
-        """Number of lights in the last tree."""
-        return sum(len(entry.lights) for entry in self._lit_entries)
+        self.has_more_lights = False
+        """The last tree has more than ``MAX_LIGHTS`` lights."""
 
     def flatten(self, tree: Node) -> DrawList:
         """Return the draw list of a tree, given its root."""
@@ -153,7 +151,9 @@ class _TreeFlattener:
         images = self._last_draw_list.images
         if self._materials_changed or self._order_changed:
             images = images_of(instance.material for instance in instances)
-        self._last_draw_list = DrawList(tuple(instances), images, tuple(islice(self._lights(), MAX_LIGHTS)))
+        lights = tuple(islice(self._lights(), MAX_LIGHTS + 1))
+        self.has_more_lights = len(lights) > MAX_LIGHTS
+        self._last_draw_list = DrawList(tuple(instances), images, lights[:MAX_LIGHTS])
         self._last_tree = tree
         return self._last_draw_list
 

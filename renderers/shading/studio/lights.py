@@ -21,6 +21,8 @@ _KINDS: Final = {LightKind.DIRECTIONAL: DIRECTIONAL, LightKind.POINT: POINT, Lig
 
 _WHITE_ILLUMINANCE: Final = math.pi
 """Illuminance at which a matt white surface has the radiance 1, which is white in the image."""
+_MIN_RANGE: Final = 1e-6
+"""Minimum range of a light, metres: the square of a smaller one may be 0."""
 _MIN_DISTANCE: Final = 0.01
 """Minimum distance from a light, metres, in the measurement of exposure: a point in a lamp would be infinitely bright.
 Lighting has a limit of a micrometre."""
@@ -88,7 +90,7 @@ def light_structs(lights: Sequence[Light], shadow_maps: Sequence[int], camera: C
         direction = X_camera_world[:3, :3] @ light.direction
         struct["direction"] = direction / np.linalg.norm(direction)
         struct["color"] = np.array(light.color) * light.intensity
-        struct["inv_range_squared"] = 0.0 if light.range is None else 1.0 / light.range**2
+        struct["inv_range_squared"] = 0.0 if light.range is None else 1.0 / max(light.range, _MIN_RANGE) ** 2
         struct["spot_scale"], struct["spot_offset"] = _spot_falloff(light)
         struct["shadow_map"] = shadow_map
     return structs

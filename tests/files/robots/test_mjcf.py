@@ -202,6 +202,21 @@ def test_cube_maps_of_boxes(tmp_path: Path) -> None:
     assert (np.einsum("ij,ij->i", np.cross(b - a, c - a), mesh.normals[mesh.elements[:, 0]]) > 0).all()
 
 
+def test_cube_maps_of_one_image(tmp_path: Path) -> None:
+    """All faces show it. Boxes of collision geometry stay boxes."""
+    asset = '<texture name="t" type="cube" file="t.png"/><material name="m" texture="t"/>'
+    cv2.imwrite(str(tmp_path / "t.png"), np.full((8, 8, 3), 99, np.uint8))
+    content = mjcf('<geom type="box" size="3 2 1" material="m"/>', f"<asset>{asset}</asset>")
+    part = read(tmp_path, content).parts[0][0]
+    assert part.material.base_color_texture is not None
+    assert isinstance(part.shape, Surface)
+    assert part.shape.mesh.uv0 is not None
+    np.testing.assert_allclose(np.unique(part.shape.mesh.uv0), (1 / 16, 15 / 16), atol=1e-6)
+    (box,) = read(tmp_path, content, geometry="collision").parts[0]
+    assert box.shape == Box((6.0, 4.0, 2.0))
+    assert box.material.base_color_texture is None
+
+
 def test_images_on_boxes(tmp_path: Path) -> None:
     """As MuJoCo 4.0 draws them: the top left corner of the image lies at these corners."""
     asset = (
@@ -341,9 +356,13 @@ def test_limits(tmp_path: Path) -> None:
 def test_height_fields(tmp_path: Path) -> None:
     """MuJoCo scales heights to 0 to 1 of the size's third number; the file's first row is the one of the largest y."""
     field = '<hfield name="h" nrow="2" ncol="3" size="3 2 0.5 0.1" elevation="0 0 4  1 2 3"/>'
-    robot = read(tmp_path, mjcf('<geom type="hfield" hfield="h" pos="0 0 1"/>', f"<asset>{field}</asset>"))
-    ((part,),) = robot.parts
+    image = '<texture name="t" type="2d" builtin="flat" width="4" height="4"/><material name="m" texture="t"/>'
+    geom = '<geom type="hfield" hfield="h" pos="0 0 1" material="m"/>'
+    robot = read(tmp_path, mjcf(geom + geom, f"<asset>{field}{image}</asset>"))
+    ((part, same),) = robot.parts
     assert isinstance(part.shape, Surface)
+    assert isinstance(same.shape, Surface)
+    assert same.shape.mesh is part.shape.mesh
     np.testing.assert_allclose(
         part.shape.mesh.positions,
         [(-3, -2, 0.125), (0, -2, 0.25), (3, -2, 0.375), (-3, 2, 0), (0, 2, 0), (3, 2, 0.5)],
@@ -352,6 +371,29 @@ def test_height_fields(tmp_path: Path) -> None:
     np.testing.assert_allclose(part.shape.mesh.uv0[[0, -1]], [(0, 1), (1, 0)])
     assert part.X_node_part[2, 3] == 1.0
     assert robot.warnings == ()
+
+
+@pytest.mark.parametrize(
+    "size", ['size="1 1 inf 1"', 'size="1 1 1 1" elevation="0 inf 0 1"'], ids=["infinite size", "infinite height"]
+)
+def test_height_fields_without_finite_heights_are_not_shown(tmp_path: Path, size: str) -> None:
+    field = f'<asset><hfield name="h" nrow="2" ncol="2" {size}/></asset>'
+    robot = read(tmp_path, mjcf('<geom type="hfield" hfield="h"/><geom size="1"/>', field))
+    assert [part.shape for part in robot.parts[0]] == [Sphere(1.0)]
+    assert len(robot.warnings) == 1
+
+
+def test_vertices_of_textures_that_repeat_are_limited(tmp_path: Path) -> None:
+    """Each way of repeating has its own texture coordinates."""
+    count = 4
+    assets = '<hfield name="h" nrow="2" ncol="3" size="1 1 1 1" elevation="0 0 4  1 2 3"/>'
+    assets += '<texture name="t" type="2d" builtin="flat" width="4" height="4"/>'
+    assets += "".join(f'<material name="m{k}" texture="t" texrepeat="{k + 2} 1"/>' for k in range(count))
+    geoms = "".join(f'<geom type="hfield" hfield="h" material="m{k}"/>' for k in range(count))
+    content = mjcf(geoms, f"<asset>{assets}</asset>")
+    assert len(read(tmp_path, content, limits=RobotLimits(mesh=GltfLimits(max_vertices=24))).parts[0]) == count
+    with pytest.raises(RobotFileError, match="vertices"):
+        read(tmp_path, content, limits=RobotLimits(mesh=GltfLimits(max_vertices=23)))
 
 
 def test_urdf_in_a_file_called_xml(tmp_path: Path) -> None:

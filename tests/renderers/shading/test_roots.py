@@ -1,13 +1,16 @@
-"""The colour image as roots of light, in finer steps than bytes."""
+"""The colour image as roots of light, in finer steps than bytes, and lights at the limits of numbers."""
 
 from __future__ import annotations
+
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from renderers.drawlist import DrawList, Material
+from renderers.drawlist import DrawList, Light, LightKind, Material
 from renderers.interface import Look, LookName, Output
+from renderers.light_rig import STUDIO, CameraLight
 from renderers.raster import CpuRenderer
 from renderers.shading.gamma import GAMMA
 from renderers.stereo.sensor.camera_image import ROOT_STEPS
@@ -16,6 +19,7 @@ from tests.renderers.shading.test_layers import VIEW, crossing, noise
 
 RENDERER = CpuRenderer(2)
 TEXTURED = Material(base_color_texture=noise(), metallic=0.0, double_sided=True)
+CAMERA_LIGHT = CameraLight((0.0, 0.0, 0.0), 0.5, 0.5, 0.5)
 SCENES = {
     "opaque": DrawList((placed(ball(6), TEXTURED, z=3.0),)),
     "unlit": DrawList((placed(quad(3.0, 5.0), Material((0.3, 0.6, 0.9, 1.0), unlit=True)),)),
@@ -53,3 +57,14 @@ def test_roots_have_finer_steps() -> None:
 def test_roots_have_one_sample_and_no_tone_mapping(look: Look) -> None:
     with pytest.raises(ValueError, match="roots"):
         RENDERER.render(SCENES["opaque"], VIEW, Output.ROOTS, look)
+
+
+def test_a_light_of_tiny_range_lights_nothing() -> None:
+    """The square of the range is 0."""
+    lamp = Light(LightKind.POINT, intensity=9.0, position=(0.5, 0.0, 2.0), range=1e-170)
+    for dark, lit in (
+        (Look("studio"), Look("studio", rig=replace(STUDIO, lights=(*STUDIO.lights, lamp)))),
+        (Look("gltf", camera_light=CAMERA_LIGHT), Look("gltf", camera_light=replace(CAMERA_LIGHT, lights=(lamp,)))),
+    ):
+        images = [RENDERER.render(SCENES["opaque"], VIEW, Output.COLOR, look).color for look in (dark, lit)]
+        np.testing.assert_array_equal(images[0], images[1])

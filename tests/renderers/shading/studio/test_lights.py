@@ -39,9 +39,17 @@ def test_all_lights_are_dimmed_by_one_factor() -> None:
         Light(LightKind.POINT, intensity=3.0, position=(0.0, 0.0, 1.0)),
         Light(LightKind.SPOT, intensity=1e6, position=(0.0, 0.0, 5.0), direction=(0.0, 0.0, 1.0)),
         Light(LightKind.POINT, intensity=1e6, position=(0.0, 0.0, 5.0), range=1.0),
+        Light(LightKind.POINT, intensity=1e6, position=(0.0, 0.0, 5.0), range=1e-170),
         Light(LightKind.DIRECTIONAL, (0.0, 0.0, 0.0), 1e6),
     ],
-    ids=["as bright as white", "a small number without unit", "a spot that shines away", "out of range", "black"],
+    ids=[
+        "as bright as white",
+        "a small number without unit",
+        "a spot that shines away",
+        "out of range",
+        "tiny range",
+        "black",
+    ],
 )
 def test_other_lights_stay_as_they_are(light: Light) -> None:
     assert dimmed_to_expose((light,), GRID) == (light,)
