@@ -27,7 +27,7 @@ def main(arguments: Sequence[str]) -> None:
 
         sys.exit(0 if print_findings() else 1)
     name = "scenegate"
-    if list(arguments[:1]) == ["render"]:  # without the imports of the other commands, a tenth of its time
+    if list(arguments[:1]) == ["render"]:  # without the imports of the other commands, a twentieth of its time
         from gateway.cli.render import app
 
         name, arguments = "scenegate render", arguments[1:]

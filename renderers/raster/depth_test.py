@@ -18,7 +18,7 @@ from renderers.raster.layout import Layer, RasterFrame
 IN_ORDER: Final = 0
 """For primitives drawn in the order of their ids: of two at the same depth the one drawn last is seen."""
 PEELED: Final = 1
-"""As IN_ORDER, and only what the frame's bounds for depth peeling leave over."""
+"""IN_ORDER among what lies between the frame's bounds for depth peeling."""
 ANY_ORDER: Final = 2
 """For primitives drawn in any order: of two at the same depth the one with the higher id is seen."""
 

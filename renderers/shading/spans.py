@@ -80,7 +80,7 @@ def allocate_row_memory(
     context.inputs, context.span_sums, context.pixels = inputs, span_sums, pixels
     # ``interpolation`` reads words up to pixel_count // 64 + 1, and does not use bits of pixels from pixel_count on.
     context.start_bits = i64_at(allocate(8 * (max_pixels // _PIXELS_PER_WORD + 2)))
-    # As many spans as pixels at most, and the vector that ``find_spans`` stores after them.
+    # At most as many spans as pixels; ``find_spans`` stores a whole vector where the last one ends.
     context.span_starts = i32_at(allocate(4 * (max_pixels + vec.LANES)))
     context.span_ids = i32_at(allocate(4 * (max_pixels + vec.LANES)))
     # The padding of ``_pad_ids``: a vector before the row, and a word's pixels after it.
