@@ -2,7 +2,7 @@
 
 Each match has the ``FEATURES``. Three of them give its disparity error. Small decision trees give its confidence, the
 probability that it is right (within 3 disparity errors): a tree compares five features with borders, the results are
-the bits of the index of a weight, and the confidence is the logistic function of the sum of all trees' weights.
+the bits of the index of a weight, and the sum of all trees' weights gives the confidence by the logistic function.
 ``match_confidence.json`` has errors and trees. ``python -m tools.calibration.confidence`` writes it.
 """
 
@@ -72,9 +72,11 @@ _FIRST, _SECOND, _THIRD = (list(FEATURES).index(name) for name in ERROR_BORDERS)
 _ERROR_BORDERS: Final = np.array(list(ERROR_BORDERS.values()), np.float32)
 """(3, 5) float32."""
 _MAX_SUM: Final = 255
-"""Maximum absolute value of a sum of weights: confidences are between 0.0003 and 0.9997."""
+"""Maximum absolute value of a sum of weights: confidences are between 0.002 and 0.998."""
 _SUMS: Final = np.arange(-_MAX_SUM, _MAX_SUM + 1)
-_CONFIDENCES: Final = np.floor(255.0 / (1.0 + np.exp(-_SUMS * WEIGHT_UNIT))).astype(np.uint8)
+_CAUTION: Final = 0.8
+"""Factor of the sums of weights. Confidences of scenes beyond those of the fit are too high above 0.7 without it."""
+_CONFIDENCES: Final = np.floor(255.0 / (1.0 + np.exp(-_SUMS * WEIGHT_UNIT * _CAUTION))).astype(np.uint8)
 """(2 ``_MAX_SUM`` + 1,) uint8, confidence of each sum of weights, units of 1/255."""
 
 
