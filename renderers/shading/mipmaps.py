@@ -2,19 +2,19 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
-from renderers.cache import WeakCache
 from renderers.color import linear_values_from_srgb, srgb_values_from_linear
 from renderers.compiler.device_function import device_function
 from renderers.compiler.jit import kernel, read_only
 from renderers.compiler.kernel_calls import is_set
 from renderers.compiler.kernel_types import I64, Address, Array1, Array3, ReadOnly3, i32, i64, u8
 from renderers.drawlist import Image
-from renderers.shading.textures import texel_rows, texels_of
+from renderers.shading.textures import keep_texels, set_level, texels_of
 from renderers.stop import current_stop
 
 _MAX_LINEAR: Final = 65535
@@ -27,11 +27,9 @@ _SRGB_FROM_LINEAR: Final = np.round(srgb_values_from_linear(_LINEAR_VALUES) * 25
 _SCALED_FROM_BYTE: Final = np.round(np.arange(256) * (_MAX_LINEAR / 255.0)).astype(np.uint16)
 _BYTE_FROM_SCALED: Final = np.round(np.arange(_MAX_LINEAR + 1) * (255.0 / _MAX_LINEAR)).astype(np.uint8)
 
-_cached_levels: WeakCache[Image, dict[bool, NDArray[np.uint8]]] = WeakCache("mip_levels")
-
 
 def mip_level_rows(image: Image, srgb: bool) -> NDArray[np.uint8]:
-    """Return all mip levels of an image as ``texel_rows``, from the cache if possible; see ``make_chain``.
+    """Return the array of an image (see ``textures``) with all mip levels, from the cache if possible.
 
     Args:
         srgb: average colours in linear light. Alpha is always averaged as stored.
@@ -39,38 +37,38 @@ def mip_level_rows(image: Image, srgb: bool) -> NDArray[np.uint8]:
     Raises:
         ImageError: the image cannot be decoded. The message does not name the image.
     """
-    by_color_space = _cached_levels.get(image) or {}
-    levels = by_color_space.get(srgb)
-    if levels is None:
-        rgba = texels_of(image).rgba
-        levels = texel_rows([rgba, *make_chain(rgba, srgb)])
-        by_color_space = {**by_color_space, srgb: levels}
-        _cached_levels.put(image, by_color_space, sum(each.nbytes for each in by_color_space.values()))
-    return levels
+    texels = texels_of(image)
+    with texels.lock:
+        rows = texels.rows_with_levels.get(srgb)
+        if rows is None:
+            rows = texels.rows.copy() if texels.rows_with_levels else texels.rows
+            for k, level in enumerate(make_chain(rows, texels.size, srgb), 1):
+                set_level(rows, texels.size, k, level)
+            texels.rows_with_levels[srgb] = rows
+            keep_texels(image, texels)
+    return rows
 
 
-def has_mip_levels(image: Image, srgb: bool) -> bool:
-    """Return True if the mip levels of an image are cached."""
-    return srgb in (_cached_levels.get(image) or {})
+def make_chain(pixels: NDArray[np.uint8], size: tuple[int, int], srgb: bool) -> Iterator[NDArray[np.uint8]]:
+    """Yield the mip levels after the first, (H, W, 4) uint8, each half the size of the previous, rounded down.
 
+    The last level has a single texel. A texel is the mean of the area it covers.
 
-def make_chain(rgba: NDArray[np.uint8], srgb: bool) -> tuple[NDArray[np.uint8], ...]:
-    """Return the mip levels of (H, W, 4) uint8 after the first, each half the size of the previous.
-
-    The last level has a single texel. A texel is the mean of the area it covers. Sizes are rounded down.
+    Args:
+        pixels: (>= H, >= W, 4) uint8, C-contiguous, the first level in its upper left corner.
+        size: height and width of the first level.
 
     Raises:
         Exception: the current ``StopFlag`` was set.
     """
-    levels, stop = [rgba], current_stop()
+    stop = current_stop()
     to_linear, from_linear = (_LINEAR_FROM_SRGB, _SRGB_FROM_LINEAR) if srgb else (_SCALED_FROM_BYTE, _BYTE_FROM_SCALED)
-    while max(levels[-1].shape[:2]) > 1:
-        height, width = (max(side // 2, 1) for side in levels[-1].shape[:2])
-        level = np.empty((height, width, 4), np.uint8)
-        halve(read_only(levels[-1]), level, to_linear, from_linear, stop.address)
+    while max(size) > 1:
+        level = np.empty((max(size[0] // 2, 1), max(size[1] // 2, 1), 4), np.uint8)
+        halve(read_only(pixels), *size, level, to_linear, from_linear, stop.address)
         stop.check()
-        levels.append(level)
-    return tuple(levels[1:])
+        yield level
+        pixels, size = level, (level.shape[0], level.shape[1])
 
 
 @device_function
@@ -118,19 +116,20 @@ def _halve_even(
 @kernel
 def halve(
     source: ReadOnly3[np.uint8],
+    source_height: I64,
+    source_width: I64,
     level: Array3[np.uint8],
     to_linear: Array1[np.uint16],
     from_linear: Array1[np.uint8],
     stop_address: Address,
 ) -> None:
-    """Fill a mip level from the previous one.
+    """Fill a mip level from the previous one, which is in the upper left corner of ``source``.
 
     Args:
         to_linear, from_linear: tables that convert bytes to the values that are averaged, and back.
         stop_address: address of a ``StopFlag``, checked once per row: the first level of 8192 x 8192 texels takes a
             second.
     """
-    source_height, source_width = source.shape[0], source.shape[1]
     height, width = level.shape[0], level.shape[1]
     if source_height == 2 * height and source_width == 2 * width:
         _halve_even(source, level, to_linear, from_linear, stop_address)

@@ -12,8 +12,8 @@ from renderers.compiler.pointers import address_of
 from renderers.drawlist import Texture, Wrap, name_image_errors
 from renderers.interface import Parallel
 from renderers.shading.layout import ShadingTexture
-from renderers.shading.mipmaps import has_mip_levels, mip_level_rows
-from renderers.shading.textures import is_decoded, texels_of
+from renderers.shading.mipmaps import mip_level_rows
+from renderers.shading.textures import cached_texels, texels_of
 
 WRAP_REPEAT: Final = 0
 WRAP_CLAMP: Final = 1
@@ -54,7 +54,7 @@ class TextureTable:
         for (texture, srgb), struct in zip(self._indices, structs, strict=False):
             sampler = texture.sampler
             decoded = texels_of(texture.image)
-            texels, width, height = decoded.rows, decoded.width, len(decoded.rows)
+            texels, (height, width) = decoded.rows, decoded.size
             last_level, mips = 0, MIPS_NONE
             if sampler.mipmaps and max(width, height) > 1:
                 texels, last_level = mip_level_rows(texture.image, srgb), max(width, height).bit_length() - 1
@@ -78,8 +78,8 @@ def _prepare(textures: Iterable[tuple[Texture, bool]], parallel: Parallel | None
     """
     missing: dict[int, list[tuple[Texture, bool]]] = {}
     for texture, srgb in textures:
-        has_levels = has_mip_levels(texture.image, srgb) or not texture.sampler.mipmaps
-        if not is_decoded(texture.image) or not has_levels:
+        cached = cached_texels(texture.image)
+        if cached is None or (texture.sampler.mipmaps and srgb not in cached.rows_with_levels):
             missing.setdefault(id(texture.image), []).append((texture, srgb))
     by_image = list(missing.values())
 

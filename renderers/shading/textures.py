@@ -13,8 +13,8 @@ the others are below each other on its right::
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from threading import Lock
 from typing import Final
 
 import numpy as np
@@ -37,18 +37,17 @@ class Texels:
     """A decoded image."""
 
     rows: NDArray[np.uint8]
-    """``texel_rows`` of the image alone: straight alpha, as stored (not linearised)."""
-    width: int
-    """W, columns of the image without padding."""
+    """``empty_rows`` with the image as level 0: straight alpha, as stored (not linearised)."""
+    size: tuple[int, int]
+    """Height and width of the image."""
     opaque: bool
     """True if every alpha is 255."""
     translucent: bool
     """True if an alpha is neither 0 nor 255, or if both occur, as in ``vtkTexture::IsTranslucent``."""
-
-    @property
-    def rgba(self) -> NDArray[np.uint8]:
-        """(H, W, 4) uint8, C-contiguous; a copy."""
-        return np.ascontiguousarray(self.rows[:, : self.width])
+    rows_with_levels: dict[bool, NDArray[np.uint8]] = field(default_factory=dict)
+    """Arrays with all levels, by the parameter ``srgb`` of ``mipmaps.mip_level_rows``. The first one is ``rows``."""
+    lock: Lock = field(default_factory=Lock)
+    """Held while levels are made."""
 
 
 _decoded: WeakCache[Image, Texels] = WeakCache("textures")
@@ -60,7 +59,7 @@ def texels_of(image: Image) -> Texels:
     Raises:
         ImageError: the image cannot be decoded, or not to (H, W, 4) uint8. The message does not name the image.
     """
-    texels = _decoded.get(image)
+    texels = cached_texels(image)
     if texels is not None:
         return texels
     pixels = image.decode()
@@ -68,33 +67,46 @@ def texels_of(image: Image) -> Texels:
         raise ImageError(f"decoded to {pixels.shape} {pixels.dtype}, expected (H, W, 4) uint8")
     opaque = bool(np.ascontiguousarray(pixels).view("<u4").min() >= _OPAQUE_BLACK)
     translucent = not opaque and bool(pixels[..., 3].any())
-    width = pixels.shape[1]
-    texels = Texels(texel_rows([pixels]), width, opaque, translucent)
-    _decoded.put(image, texels, texels.rows.nbytes)
+    size = pixels.shape[0], pixels.shape[1]
+    rows = empty_rows(*size)
+    set_level(rows, size, 0, pixels)
+    texels = Texels(rows, size, opaque, translucent)
+    keep_texels(image, texels)
     return texels
 
 
+def keep_texels(image: Image, texels: Texels) -> None:
+    """Cache a decoded image with the levels that it has."""
+    _decoded.put(image, texels, texels.rows.nbytes * max(len(texels.rows_with_levels), 1))
+
+
 def level_row(height: int, level: int) -> int:
-    """Return the first row of a mip level in ``texel_rows``, given the height of level 0.
+    """Return the first row of a mip level in ``Texels.rows``, given the height of level 0.
 
     Level k has max(height // 2^k, 1) rows, so that levels 1 to k - 1 have at most height - 2 height / 2^k + k - 1.
     """
     return max(height - (2 * height >> level) + level, 0)
 
 
-def texel_rows(levels: Sequence[NDArray[np.uint8]]) -> NDArray[np.uint8]:
-    """Return the mip levels of a texture, each (H, W, 4) uint8, in one array, (rows, stride, 4) uint8, C-contiguous."""
-    height, width = levels[0].shape[:2]
-    side_by_side = sum(level.shape[1] + 1 for level in levels[:2])
-    row_count = max(level_row(height, k) + len(level) for k, level in enumerate(levels))
-    rows = np.zeros((row_count, side_by_side + min(side_by_side // 64, _MAX_CONFLICT_PADDING), 4), np.uint8)
-    for k, level in enumerate(levels):
-        first_row, first_column = level_row(height, k), width + 1 if k > 0 else 0
-        part = rows[first_row : first_row + len(level), first_column : first_column + level.shape[1] + 1]
-        part[:, :-1], part[:, -1] = level, level[:, 0]
-    return rows
+def empty_rows(height: int, width: int) -> NDArray[np.uint8]:
+    """Return the array of a texture before ``set_level``, (rows, stride, 4) uint8, C-contiguous."""
+    last_level = max(height, width).bit_length() - 1
+    row_count = max(level_row(height, k) + max(height >> k, 1) for k in range(last_level + 1))
+    side_by_side = width + 1 + (max(width // 2, 1) + 1 if last_level > 0 else 0)
+    return np.zeros((row_count, side_by_side + min(side_by_side // 64, _MAX_CONFLICT_PADDING), 4), np.uint8)
 
 
-def is_decoded(image: Image) -> bool:
-    """Return True if the decoded image is cached."""
-    return _decoded.get(image) is not None
+def set_level(rows: NDArray[np.uint8], size: tuple[int, int], k: int, level: NDArray[np.uint8]) -> None:
+    """Store mip level ``k``, (H, W, 4) uint8, in the array of a texture.
+
+    Args:
+        size: height and width of level 0.
+    """
+    first_row, first_column = level_row(size[0], k), size[1] + 1 if k > 0 else 0
+    part = rows[first_row : first_row + len(level), first_column : first_column + level.shape[1] + 1]
+    part[:, :-1], part[:, -1] = level, level[:, 0]
+
+
+def cached_texels(image: Image) -> Texels | None:
+    """Return the decoded image if it is cached."""
+    return _decoded.get(image)

@@ -186,7 +186,7 @@ _MESH = scenes.sphere(20, 20)
 _UV = np.zeros((len(_MESH.positions), 2), np.float32)
 STEPS: dict[str, Callable[[], object]] = {
     "fxaa": lambda: fxaa(np.zeros((8, 8, 3), np.uint8)),
-    "mip levels": lambda: make_chain(np.zeros((8, 8, 4), np.uint8), True),
+    "mip levels": lambda: list(make_chain(np.zeros((8, 8, 4), np.uint8), (8, 8), True)),
     "tangents": lambda: corner_tangents(_MESH.positions, _MESH.positions, _UV, _MESH.elements),
     "an image": lambda: decode_image(png_rgb(np.zeros((8, 8, 3), np.uint8))),
     "preparing a mesh": lambda: CpuRenderer(1).render(

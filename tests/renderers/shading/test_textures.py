@@ -18,7 +18,7 @@ from renderers.raster import CpuRenderer
 from renderers.raster.frame_threads import FrameThreads
 from renderers.shading.scene import prepare
 from renderers.shading.texture_table import TextureTable
-from renderers.shading.textures import level_row, texel_rows, texels_of
+from renderers.shading.textures import empty_rows, level_row, set_level, texels_of
 from tests.renderers.shading.reference import image_of
 from tests.renderers.shading.test_pixels import assert_within_a_level
 from tests.support.waiting import SECONDS
@@ -278,7 +278,9 @@ def test_mip_levels_of_one_array_do_not_overlap(size: tuple[int, int]) -> None:
     last_level = max(size).bit_length() - 1
     shapes = [(max(height >> k, 1), max(width >> k, 1)) for k in range(last_level + 1)]
     levels = [np.full((*shape, 4), k + 1, np.uint8) for k, shape in enumerate(shapes)]
-    rows = texel_rows(levels)
+    rows = empty_rows(*size)
+    for k, level in enumerate(levels):
+        set_level(rows, size, k, level)
     for k, level in enumerate(levels):
         first_row, first_column = level_row(height, k), 0 if k == 0 else width + 1
         stored = rows[first_row:, first_column:][: len(level), : level.shape[1] + 1]  # and the repeated first texel

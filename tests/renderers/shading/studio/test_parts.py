@@ -23,7 +23,7 @@ from tests.renderers.shading.studio.scenes import noise
 @pytest.mark.parametrize("srgb", [True, False])
 def test_levels_are_means(srgb: bool) -> None:
     image = noise(32)
-    levels = make_chain(image.decode(), srgb)
+    levels = list(make_chain(image.decode(), (32, 32), srgb))
     exact = ref.levels(image, srgb)[1:]
     assert [level.shape for level in levels] == [level.shape for level in exact]
     for level, expected in zip(levels, exact, strict=True):
@@ -48,7 +48,7 @@ def test_an_image_that_cannot_be_decoded_is_named_by_its_texture() -> None:
 def test_levels_of_odd_sizes_keep_the_mean(shape: tuple[int, int]) -> None:
     rng = np.random.default_rng(1)
     pixels = rng.integers(0, 256, (*shape, 4)).astype(np.uint8)
-    levels = (pixels, *make_chain(pixels, False))
+    levels = (pixels, *make_chain(pixels, shape, False))
     for before, level in itertools.pairwise(levels):
         assert level.shape[:2] == tuple(max(side // 2, 1) for side in before.shape[:2])
         assert np.abs(level.mean(axis=(0, 1)) - before.mean(axis=(0, 1))).max() <= 0.5
@@ -59,7 +59,7 @@ def test_writable_and_read_only_images_share_one_compiled_signature() -> None:
     pixels = noise(8).decode().copy()
     for writable in (True, False):
         pixels.flags.writeable = writable
-        make_chain(pixels, True)
+        list(make_chain(pixels, (8, 8), True))
         assert pixels.flags.writeable is writable
     assert len(halve.signatures) == 1  # another one would be compiled while serving
 
