@@ -79,7 +79,7 @@ def sample_offsets(samples: int) -> NDArray[np.int32]:
 
 
 @cache
-def lane_lists() -> NDArray[np.int32]:
+def lanes_of_mask() -> NDArray[np.int32]:
     """Return (256, 8) int32: for each mask of eight lanes, its set lanes in ascending order, padded with 0."""
     masks, bits = np.arange(256)[:, None], np.arange(8)
     return np.ascontiguousarray(np.sort(np.where(masks >> bits & 1, bits, 8), axis=1) % 8, np.int32)

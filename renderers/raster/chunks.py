@@ -37,27 +37,27 @@ def base_bin_of(frame: RasterFrame, is_culled: bool) -> I64:
 
 @inlined
 def append_primitive(chunk: Chunk, first_bin: I64, last_bin: I64) -> None:
-    """Add 1 to a Chunk's ``count``, and so keep the primitive that was written to ``primitives[count]``, with its bins.
+    """Add 1 to a Chunk's ``primitive_count``, and so keep the primitive that was written there, with its bins.
 
     If ``last_bin < first_bin`` it touches none, and is not kept: the next primitive is written over it.
     """
     if first_bin <= last_bin:
-        chunk.bins[chunk.count] = last_bin << 16 | first_bin
-        chunk.count += 1
+        chunk.bin_ranges[chunk.primitive_count] = last_bin << 16 | first_bin
+        chunk.primitive_count += 1
 
 
 @inlined
 def bins_of(chunk: Chunk, k: I64) -> tuple[I64, I64]:
     """Return the first and last bin of a chunk's primitive ``k``."""
-    return i64(chunk.bins[k] & 0xFFFF), i64(chunk.bins[k] >> 16)
+    return i64(chunk.bin_ranges[k] & 0xFFFF), i64(chunk.bin_ranges[k] >> 16)
 
 
 @inlined
 def primitives_in_bin(chunk: Chunk, k: I64, bin_index: I64) -> I64:
     """Return which of the eight primitives from ``k`` on touch a bin, a bit for each."""
-    bins, searched = vec.load(chunk.bins, k), vec.i32(bin_index)
+    bins, searched = vec.load(chunk.bin_ranges, k), vec.i32(bin_index)
     first_bin, last_bin = bins & vec.i32(0xFFFF), bins >> vec.i32(16)
-    return vec.movemask((first_bin <= searched) & (last_bin >= searched) & _used_lanes(k, chunk.count))
+    return vec.movemask((first_bin <= searched) & (last_bin >= searched) & _used_lanes(k, chunk.primitive_count))
 
 
 @inlined

@@ -15,9 +15,9 @@ from renderers.raster.depth_test import ANY_ORDER, IN_ORDER, PEELED, depth_test,
 from renderers.raster.fill import Pixel, make_fill
 from renderers.raster.layer import set_band_layer
 from renderers.raster.layout import (
-    BACK_BIT,
     FIRST_PASS,
     HALF_PIXEL,
+    KEPT_BACK_BIT,
     KEPT_BACK_FACES,
     KIND_SMALL,
     SUBPIXEL,
@@ -133,8 +133,8 @@ def _draw_spans(
 @inlined
 def _draw_point(frame: RasterFrame, target: _Target, primitive: Primitive, first_row: I64, end_row: I64) -> None:
     """Draw a KIND_POINT."""
-    values = primitive.values
-    left, top, right, bottom = i64(values[0]), i64(values[1]), i64(values[2]), i64(values[3])
+    geometry = primitive.geometry
+    left, top, right, bottom = i64(geometry[0]), i64(geometry[1]), i64(geometry[2]), i64(geometry[3])
     # 1/z is constant, so that any pixel serves as base.
     for row in range(max(top, first_row), min(bottom, end_row)):
         _draw_span(frame, target, primitive, row, left, right, Pixel(left, top))
@@ -176,7 +176,7 @@ def _draw_pixels(frame: RasterFrame, target: _Target, chunk: Chunk, begin: I64, 
     """Draw some of a chunk's pixels of tiny triangles.
 
     Args:
-        begin, end: range of values as in Chunk.fragment_pixels; those of kept back faces are negative (BACK_BIT).
+        begin, end: range of values as in Chunk.fragment_pixels; those of kept back faces are negative (KEPT_BACK_BIT).
     """
     layer, depth_rule = target.layer, target.depth_rule
     layer_begin = layer.first_row * frame.stride
@@ -185,7 +185,7 @@ def _draw_pixels(frame: RasterFrame, target: _Target, chunk: Chunk, begin: I64, 
         while pending != 0:
             j = k + vec.lowest_bit(pending)
             pending &= pending - 1
-            pixel = i64(chunk.fragment_pixels[j] & ~BACK_BIT) - layer_begin
+            pixel = i64(chunk.fragment_pixels[j] & ~KEPT_BACK_BIT) - layer_begin
             depth_test_pixel(frame, layer, depth_rule, pixel, chunk.fragment_inv_z[j], chunk.fragment_ids[j])
 
 
@@ -196,7 +196,7 @@ def _depth_rule(frame: RasterFrame, faces: I64) -> I64:
         # Drawn after the front faces, some of which have higher ids. Never PEELED: only opaque frames keep back faces.
         return ANY_ORDER
     # A pass of depth peeling has layers that bound it, or takes the latest primitive.
-    is_peeling = frame.near_bound_ids != 0 or frame.far_bound_ids != 0 or frame.end_ids != 0
+    is_peeling = frame.near_bound_ids != 0 or frame.far_bound_ids != 0 or frame.ids_below != 0
     return PEELED if is_peeling or frame.highest_id_wins != 0 else IN_ORDER
 
 
@@ -208,11 +208,11 @@ def _draw_chunk(frame: RasterFrame, target: _Target, chunk: Chunk, first_row: I6
     """
     bin_index, begin_pixel, end_pixel = first_row // BAND_ROWS, first_row * frame.stride, end_row * frame.stride
     if faces == KEPT_BACK_FACES:
-        # With BACK_BIT, the sign bit of int32, pixels are negative and in the same order. So a range of front faces'
-        # pixels has none of back faces, and the other way round.
+        # With KEPT_BACK_BIT, the sign bit of int32, pixels are negative and in the same order. So a range of front
+        # faces' pixels has none of back faces, and the other way round.
         bin_index += frame.first_back_bin
-        begin_pixel, end_pixel = begin_pixel | BACK_BIT, end_pixel | BACK_BIT
-    for k in range(0, chunk.count, vec.LANES):
+        begin_pixel, end_pixel = begin_pixel | KEPT_BACK_BIT, end_pixel | KEPT_BACK_BIT
+    for k in range(0, chunk.primitive_count, vec.LANES):
         pending = primitives_in_bin(chunk, k, bin_index)
         while pending != 0:
             _draw_primitive(frame, target, chunk.primitives[k + vec.lowest_bit(pending)], first_row, end_row)

@@ -50,13 +50,13 @@ def _first_column_right_of(xa: F64, ya: F64, xb: F64, yb: F64, x: F64x8, y: F64x
 @device_function
 def inv_z_origin(primitive: Primitive) -> Pixel:
     """Return the pixel at whose centre 1/z is ``inv_z_base``."""
-    values, kind = primitive.values, primitive.kind
-    x0, y0 = i64(values[0]), i64(values[1])
+    geometry, kind = primitive.geometry, primitive.kind
+    x0, y0 = i64(geometry[0]), i64(geometry[1])
     if kind == KIND_TRIANGLE:
-        x1, y1, x2, y2 = i64(values[2]), i64(values[3]), i64(values[4]), i64(values[5])
+        x1, y1, x2, y2 = i64(geometry[2]), i64(geometry[3]), i64(geometry[4]), i64(geometry[5])
         return Pixel(first_center(min(x0, x1, x2)), first_center(min(y0, y1, y2)))
     if kind == KIND_LINE:
-        corner = i64(values[5])
+        corner = i64(geometry[5])
         return Pixel(corner & 0xFFFF, corner >> 16)
     if kind == KIND_CLIPPED:
         return Pixel(x0, y0)
@@ -70,21 +70,21 @@ def _polygon_of(frame: RasterFrame, primitive: Primitive, polygon: Pointer[I64])
     Args:
         polygon: ``polygon_array``.
     """
-    values, kind = primitive.values, primitive.kind
+    geometry, kind = primitive.geometry, primitive.kind
     if kind == KIND_TRIANGLE:
         for k in range(6):
-            polygon[k] = values[k]
+            polygon[k] = geometry[k]
         return 3
     if kind == KIND_LINE:
-        x0, y0, x1, y1 = i64(values[0]), i64(values[1]), i64(values[2]), i64(values[3])
-        half_width = i64(values[4])
+        x0, y0, x1, y1 = i64(geometry[0]), i64(geometry[1]), i64(geometry[2]), i64(geometry[3])
+        half_width = i64(geometry[4])
         # As GL's aliased lines: widened along the minor axis, so that a width of 1 is one pixel per step.
         is_steep = abs(x1 - x0) < abs(y1 - y0)
         dx, dy = half_width * is_steep, half_width * (not is_steep)
         polygon[0], polygon[1], polygon[2], polygon[3] = x0 - dx, y0 - dy, x1 - dx, y1 - dy
         polygon[4], polygon[5], polygon[6], polygon[7] = x1 + dx, y1 + dy, x0 + dx, y0 + dy
         return 4
-    draw = frame.draws[values[2]]
+    draw = frame.draws[geometry[2]]
     return clip_triangle(frame, draw, i64(primitive.id) - draw.first_id, corner_array(), polygon)
 
 

@@ -14,7 +14,7 @@ from renderers.camera import Camera
 from renderers.compiler.kernel_calls import YIELD_ADDRESS, kernel_address
 from renderers.compiler.pointers import address_of, aligned_parts
 from renderers.compiler.simd import LANES
-from renderers.msaa import SampleBand, lane_lists, sample_offsets
+from renderers.msaa import SampleBand, lanes_of_mask, sample_offsets
 from renderers.raster.coverage import draw_band
 from renderers.raster.frame_phases import run_phases
 from renderers.raster.frame_setup import set_up_frame
@@ -66,7 +66,7 @@ class FrameJob:
         band_bytes = 0 if has_layer or samples > 1 else 8 * BAND_ROWS * self.stride
         sizes = _work_sizes(count, vertices, primitives)
         if band_bytes:
-            sizes["first_band_memory"] = threads * band_bytes
+            sizes["band_memory_base"] = threads * band_bytes
         work_memory, work_addresses = aligned_parts(sizes)
         self.poses_address = work_addresses["X_camera_mesh"]
         """Address of ``X_camera_mesh``."""
@@ -149,7 +149,7 @@ class FrameJob:
                 frame[f"{name}_ids"] = self._address(each.ids, np.int32)
                 frame[f"{name}_inv_z"] = self._address(each.inv_z, np.float32)
         if ids_below is not None:
-            frame["end_ids"] = self._address(ids_below, np.int32)
+            frame["ids_below"] = self._address(ids_below, np.int32)
         frame["highest_id_wins"] = latest
 
     def _address(self, array: NDArray[Any], dtype: type[np.generic]) -> int:
@@ -185,7 +185,7 @@ class FrameJob:
         """Return the bands that primitives touch, after a task with any ``bands``."""
         chunks = self._chunks[: int(self._frame["chunk_count"][0])]
         memory = self._chunk_memory[: len(chunks) * CHUNK_WORDS].reshape(-1, CHUNK_WORDS)
-        bins = memory[:, :CHUNK_SIZE][np.arange(CHUNK_SIZE) < chunks["count"][:, None]]
+        bins = memory[:, :CHUNK_SIZE][np.arange(CHUNK_SIZE) < chunks["primitive_count"][:, None]]
         pixels = memory[:, CHUNK_SIZE : CHUNK_SIZE + FRAGMENT_CAPACITY]
         pixel_bands = pixels[np.arange(FRAGMENT_CAPACITY) < chunks["fragment_count"][:, None]] // (
             BAND_ROWS * self.stride
@@ -205,7 +205,7 @@ class FrameJob:
         frame = self._frame
         frame["draw_kernel"], frame["edges_kernel"] = _kernel_address(draw_samples), _kernel_address(find_edges)
         frame["shade_kernel"], frame["shade_job"] = shader.kernel, shader.job
-        frame["first_band_memory"], frame["band_memory_bytes"] = bands, SampleBand.nbytes
+        frame["band_memory_base"], frame["band_memory_bytes"] = bands, SampleBand.nbytes
         return Task(frame, self._frame_address, self._useful_threads)
 
 
@@ -251,10 +251,10 @@ _kernel_address: Final = cache(kernel_address)
 @cache
 def _sample_fields(samples: int) -> tuple[dict[str, int], object]:
     """Return the fields of RasterFrame for several samples per pixel, and the arrays that they point to."""
-    offsets, lanes = sample_offsets(samples), lane_lists()
+    offsets, lanes = sample_offsets(samples), lanes_of_mask()
     fields = {
         "sample_reach": int(np.abs(offsets).max()),
         "sample_offsets": address_of(offsets, np.int32),
-        "lane_lists": address_of(lanes, np.int32),
+        "lanes_of_mask": address_of(lanes, np.int32),
     }
     return fields, (offsets, lanes)

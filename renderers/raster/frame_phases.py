@@ -29,26 +29,26 @@ _SPINS_BEFORE_YIELD: Final = 200
 def run_phases(frame_address: Address, until_finished: bool) -> None:
     """Work on a frame together with other threads. A call that comes late finds nothing left to do.
 
-    The RasterFrame must live until all calls have returned, what it points to until the frame is finished.
+    The RasterFrame must live until all calls have returned. What it points to must live until the frame is finished.
 
-    Each call takes the next ``band_memory_bytes`` after ``first_band_memory``: its ``band_memory``. A frame that has
-    such memory must get at most ``max_threads`` calls: ``frame_threads`` makes no more than ``Task.threads``.
+    Each call takes the next ``band_memory_bytes`` after ``band_memory_base``: its ``band_memory``. There is such
+    memory for ``max_threads`` calls; ``frame_threads`` makes ``Task.threads`` at most, which ``max_threads`` limits.
 
     Args:
         until_finished: return when the frame is finished; otherwise as soon as no band is left to take.
     """
     frame = RasterFrame(frame_address)
-    band_memory = frame.first_band_memory
+    band_memory = frame.band_memory_base
     if band_memory != 0:
         band_memory += atomic_add_one(frame.threads_started, 0) * frame.band_memory_bytes
     for phase in range(PHASE_COUNT):
-        _take_units(frame, phase, band_memory)
+        _do_units(frame, phase, band_memory)
         if phase != BANDS or until_finished:
             _wait_for_other_threads(frame, phase)
 
 
 @inlined
-def _take_units(frame: RasterFrame, phase: I64, band_memory: Address) -> None:
+def _do_units(frame: RasterFrame, phase: I64, band_memory: Address) -> None:
     """Do units of a phase until none is left."""
     unit = atomic_add_one(frame.units_taken, phase)
     while unit < frame.unit_counts[phase]:

@@ -15,7 +15,7 @@ def _is_unclipped_convex(frame: RasterFrame, m: Pointer[F64], instance: RasterIn
     Args:
         m: pointer to the instance's ``X_camera_mesh``, (4, 4).
     """
-    center, half = instance.box_center, instance.box_half
+    center, half = instance.box_center, instance.box_half_extents
     # Over the box, in the camera's frame: limits of |x| and |y|, and the least z.
     max_x, max_y, min_z = abs(m[3]), abs(m[7]), m[11]
     max_z_terms = abs(m[11])

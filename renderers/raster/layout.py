@@ -23,11 +23,11 @@ HALF_PIXEL: Final = SUBPIXEL // 2
 GUARD_BAND: Final = 32760.0
 """Pixels: triangles with a vertex farther than this from pixel (0, 0), across or down, are clipped. So coordinates are
 below 2^15 pixels, 2^23 grid units, exact in float32, and edge functions below 2^50, exact in float64 and int64."""
-BEHIND: Final = -2.0
+BEFORE_NEAR_PLANE: Final = -2.0
 """In place of 1/z of a vertex that is nearer than the near plane, or whose z is not a number."""
-OUTSIDE: Final = -1.0
+OUTSIDE_GUARD_BAND: Final = -1.0
 """In place of 1/z of a vertex that is outside the guard band, or whose x or y is not a number. The order is
-BEHIND < OUTSIDE < 0 < 1/z."""
+BEFORE_NEAR_PLANE < OUTSIDE_GUARD_BAND < 0 < 1/z."""
 MAX_SIDE: Final = 16384
 """Maximum image width and height, pixels: half of the guard band, which leaves room around the image."""
 MAX_POINT_SIZE: Final = 1024
@@ -41,12 +41,12 @@ TINY_SIDE: Final = 4
 1/z and id."""
 MAX_TINY_FRAGMENTS: Final = 4 * CHUNK_SIZE
 """Maximum fragments of a chunk's tiny triangles. When there is no more room, they become small triangles."""
-BACK_BIT: Final = -(1 << 31)
+KEPT_BACK_BIT: Final = -(1 << 31)
 """Set in the ``Chunk.fragment_pixels`` of back faces that are kept."""
 FRAGMENT_CAPACITY: Final = MAX_TINY_FRAGMENTS + 8
 """Fragments that a chunk has memory for: vectors are stored whole, up to seven values beyond the last fragment."""
 CHUNK_WORDS: Final = CHUNK_SIZE + 3 * FRAGMENT_CAPACITY
-"""Words of four bytes of a chunk's memory: its bins, then its fragments' pixels, 1/z and ids."""
+"""Words of four bytes of a chunk's memory: its ranges of bins, then its fragments' pixels, 1/z and ids."""
 MAX_SMALL_WIDTH: Final = 64
 MAX_SMALL_HEIGHT: Final = 128
 """Maximum pixel centres of a small triangle across and down: it spans less than 65 x 129 pixels. So its edge functions
@@ -56,30 +56,30 @@ MAX_SMALL_DEPTH_RATIO: Final = 4.0
 """Maximum ratio of farthest to nearest vertex depth of a small triangle. Beyond, float32 would lose digits of 1/z at
 the far end, and float64 is used."""
 
-# Topology of a mesh: vertices of a primitive.
+# Topology of a mesh: number of vertices of a primitive.
 TOPOLOGY_LINES: Final = 2
 TOPOLOGY_TRIANGLES: Final = 3
 
 
-# Kinds of Primitive: what its ``values`` are, and the pixel that its ``inv_z_base`` belongs to.
+# Kinds of Primitive: what its ``geometry`` is, and the pixel at whose centre 1/z is ``inv_z_base``.
 KIND_TRIANGLE: Final = 0
-"""values: corners, clockwise on screen. inv_z_base: first column and row whose pixel centres are not before the
+"""geometry: corners, clockwise on screen. inv_z_base at: first column and row whose pixel centres are not before the
 corners' minimum x and y, also with several samples per pixel; perhaps off the image."""
 KIND_CLIPPED: Final = 1
-"""Crosses the near plane or leaves the guard band. values: first column and row of its box in the image, index of the
-draw. inv_z_base: this first pixel."""
+"""Crosses the near plane or leaves the guard band. geometry: first column and row of its box in the image, index of the
+draw. inv_z_base at: this first pixel."""
 KIND_LINE: Final = 2
-"""values: both ends and half the width, grid units, then first column (low half) and row (high half) of its box in the
-image. inv_z_base: this first pixel."""
+"""geometry: both ends and half the width, grid units, then first column (low half) and row (high half) of its box in
+the image. inv_z_base at: this first pixel."""
 KIND_POINT: Final = 3
-"""values: first column and row, and those after the last; with several samples per pixel these are grid units.
-inv_z_base: any pixel."""
+"""geometry: first column and row, and those after the last, pixels; grid units if there are several samples per pixel.
+inv_z_base at: any pixel."""
 KIND_SMALL: Final = 4
 """The struct is a SmallTriangle, which has the same size, and ``id`` and ``kind`` at the same place."""
 
 
 class Primitive(Struct):
-    values: Pointer[I32] = inline(6)  # see the kinds; corners are x0 y0 x1 y1 x2 y2, grid units
+    geometry: Pointer[I32] = inline(6)  # see the kinds; corners are x0 y0 x1 y1 x2 y2, grid units
     id: I32  # primitive id
     kind: I32
     inv_z_dx: F64  # change of 1/z per column
@@ -90,8 +90,8 @@ class Primitive(Struct):
 
 
 class SmallTriangle(Struct):
-    """The first eight words, up to ``kind``, and the next eight are a vector load each, see ``small_triangles``. ``id``
-    and ``kind`` are where Primitive has them. The changes of the third edge are not stored: the three sum to 0."""
+    """Sixteen words, two vector loads: up to ``kind``, and the rest (see ``small_triangles``). ``id`` and ``kind`` are
+    where Primitive has them. The changes of the third edge are not stored: the three sum to 0."""
 
     edge_base: Pointer[I32] = inline(3)  # edge functions at the box's first pixel centre; inside where all are >= 0
     edge_dx: Pointer[I32] = inline(2)  # change per column of the first two
@@ -117,14 +117,14 @@ class RasterInstance(Struct):
     """An instance of the draw list, independent of camera and pose. The table ends with one more row, in which
     ``first_vertex`` and ``first_id`` are the totals."""
 
-    positions: Pointer[F32]  # (N, 3): those of mesh_positions that primitives use; others need no transform
+    positions: Pointer[F32]  # (N, 3): the vertices of mesh_positions that primitives use; others need no transform
     indices: Pointer[U32]  # (M, topology) into these
     topology: I64
     first_vertex: I64  # among all instances' vertices
     first_id: I64  # primitive id of its first primitive
     size: F64  # point size or line width, pixels
     box_center: Pointer[F64] = inline(3)  # of convex meshes, see convex_culling
-    box_half: Pointer[F64] = inline(3)  # half extents; negative: not convex
+    box_half_extents: Pointer[F64] = inline(3)  # negative: not convex
     mesh_positions: Pointer[F32]  # the mesh's own arrays, which mesh_normals goes with
     mesh_indices: Pointer[U32]
     mesh_normals: Address  # (N, 3) float32; 0: none
@@ -152,9 +152,9 @@ class Chunk(Struct):
     those of band ``k`` are in bin ``RasterFrame.first_back_bin + k``."""
 
     primitives: Primitive  # (CHUNK_SIZE,): those that may be visible, in the order of their ids
-    bins: Pointer[I32]  # (CHUNK_SIZE,): last << 16 | first bin that each of them touches
-    count: I64  # number of them
-    fragment_pixels: Pointer[I32]  # (FRAGMENT_CAPACITY,): row * stride + column; kept back faces have BACK_BIT set
+    bin_ranges: Pointer[I32]  # (CHUNK_SIZE,): last << 16 | first bin that each of them touches
+    primitive_count: I64
+    fragment_pixels: Pointer[I32]  # (FRAGMENT_CAPACITY,): row * stride + column; kept back faces have KEPT_BACK_BIT set
     fragment_inv_z: Pointer[F32]
     fragment_ids: Pointer[I32]
     fragment_count: I64
@@ -213,7 +213,7 @@ class RasterFrame(Struct):
     sample_count: I64  # per pixel
     sample_reach: I64  # grid units from a pixel's centre to its outermost sample, each way; 0: one sample
     sample_offsets: Pointer[I32]  # (2, 8): offsets of the samples across and down, grid units
-    lane_lists: Pointer[I32]  # (256, 8), see msaa.lane_lists
+    lanes_of_mask: Pointer[I32]  # (256, 8), see msaa.lanes_of_mask
 
     # Kernels. With several samples, draw_kernel and shade_kernel take other arguments: see frame_phases.
     transform_kernel: Address
@@ -227,13 +227,13 @@ class RasterFrame(Struct):
     yield_function: Address  # called while waiting for other threads
 
     # Depth peeling: bounds of what passes the depth test, (height, stride) each: ids are int32, inv_z float32.
-    # Fragments lie behind this layer, or at its depth with a lower id; none passes where it is empty.
+    # A fragment passes only behind this layer, or at its depth with a lower id, and nowhere where the layer is empty.
     near_bound_ids: Address
     near_bound_inv_z: Address
-    # Fragments lie in front of this layer, or at its depth; all pass where it is empty.
+    # A fragment passes only in front of this layer, or at its depth, and everywhere where the layer is empty.
     far_bound_ids: Address
     far_bound_inv_z: Address
-    end_ids: Address  # fragments have ids below these
+    ids_below: Address  # a fragment passes only with an id below these
     highest_id_wins: I64  # flag: a pixel sees the fragment drawn last, not the nearest (layers by drawing order)
 
     # Results. The layer is (height, stride); without it, each thread has a layer of one band.
@@ -246,11 +246,11 @@ class RasterFrame(Struct):
 
     # Memory.
     draws: Draw  # (draw_count + 1)
-    vertices: Pointer[F32]  # (vertex_count, 4): x, y in pixels, 1/z in 1/m or BEHIND or OUTSIDE, unused
+    vertices: Pointer[F32]  # (vertex_count, 4): x, y, pixels; 1/z, BEFORE_NEAR_PLANE or OUTSIDE_GUARD_BAND; unused
     primitives: Primitive  # (chunk_count * CHUNK_SIZE); those of KIND_SMALL are SmallTriangle
     chunks: Chunk  # (chunk_count)
     chunk_memory: Pointer[I32]  # (chunk_count, CHUNK_WORDS): what their pointers point to
-    first_band_memory: Address  # the first thread's memory for a band; the others' follows
+    band_memory_base: Address  # the threads' memory for a band, one after the other
     band_memory_bytes: I64  # of each thread
     max_threads: I64
     stop: Address  # of an int64: not 0 once the frame should end, see renderers.stop. The address is never 0

@@ -1,7 +1,7 @@
 """Setup of single primitives: lines, points, clipped triangles, and triangles that are too large for the vector path.
 
 The functions fill a Primitive, but for its ``id``, and return its first and last bin, or NOT_VISIBLE. In them, ``w`` is
-1/z, 1/m, or BEHIND or OUTSIDE, which are negative.
+1/z, 1/m, or BEFORE_NEAR_PLANE or OUTSIDE_GUARD_BAND, which are negative.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from renderers.raster.clip import (
 )
 from renderers.raster.grid import first_center, is_empty, pixel_box, snap_to_grid
 from renderers.raster.layout import (
-    BEHIND,
+    BEFORE_NEAR_PLANE,
     HALF_PIXEL,
     KIND_CLIPPED,
     KIND_LINE,
@@ -54,7 +54,7 @@ def set_up_single_triangle(
     v2 = vertex_of(frame, draw, i64(draw.indices[3 * primitive_in_mesh + 2]))
     w0, w1, w2 = v0[2], v1[2], v2[2]
     w_min, w_max = min(min(w0, w1), w2), max(max(w0, w1), w2)
-    if w_max == BEHIND:
+    if w_max == BEFORE_NEAR_PLANE:
         return NOT_VISIBLE
     if w_min < 0.0:
         return _set_up_clipped_triangle(frame, draw_index, primitive_in_mesh, primitive)
@@ -74,8 +74,8 @@ def set_up_single_triangle(
         return NOT_VISIBLE
     if area < 0:  # to clockwise, so that edge functions are positive inside
         x1, x2, y1, y2 = x2, x1, y2, y1
-    values = primitive.values
-    values[0], values[1], values[2], values[3], values[4], values[5] = x0, y0, x1, y1, x2, y2
+    geometry = primitive.geometry
+    geometry[0], geometry[1], geometry[2], geometry[3], geometry[4], geometry[5] = x0, y0, x1, y1, x2, y2
     primitive.kind = KIND_TRIANGLE
     _set_inv_z_plane(primitive, v0, v1, v2, first_center(min_x), first_center(min_y))
     primitive.inv_z_min, primitive.inv_z_max = w_min, w_max
@@ -136,8 +136,8 @@ def _set_up_clipped_triangle(
     base_bin = base_bin_of(frame, offset * draw.culled_area_sign > 0.0)
     if base_bin < 0:  # culled and not kept
         return NOT_VISIBLE
-    values = primitive.values  # as KIND_CLIPPED says
-    values[0], values[1], values[2] = box.left, box.top, draw_index
+    geometry = primitive.geometry  # as KIND_CLIPPED says
+    geometry[0], geometry[1], geometry[2] = box.left, box.top, draw_index
     primitive.kind = KIND_CLIPPED
     primitive.inv_z_dx = nx / (frame.fx * offset)
     primitive.inv_z_dy = ny / (frame.fy * offset)
@@ -155,7 +155,7 @@ def set_up_line(frame: RasterFrame, draw: Draw, primitive_in_mesh: I64, primitiv
     index0, index1 = i64(draw.indices[2 * primitive_in_mesh]), i64(draw.indices[2 * primitive_in_mesh + 1])
     v0, v1 = vertex_of(frame, draw, index0), vertex_of(frame, draw, index1)
     w0, w1 = v0[2], v1[2]
-    if w0 == BEHIND and w1 == BEHIND:
+    if w0 == BEFORE_NEAR_PLANE and w1 == BEFORE_NEAR_PLANE:
         return NOT_VISIBLE
     if w0 < 0.0 or w1 < 0.0:
         ends = _ends_array()
@@ -174,9 +174,9 @@ def set_up_line(frame: RasterFrame, draw: Draw, primitive_in_mesh: I64, primitiv
     box = pixel_box(frame, min(x0, x1), min(y0, y1), max(x0, x1), max(y0, y1), reach)
     if is_empty(box) or (x0 == x1 and y0 == y1):
         return NOT_VISIBLE
-    values = primitive.values  # as KIND_LINE says
-    values[0], values[1], values[2], values[3] = x0, y0, x1, y1
-    values[4], values[5] = half_width, box.left | (box.top << 16)
+    geometry = primitive.geometry  # as KIND_LINE says
+    geometry[0], geometry[1], geometry[2], geometry[3] = x0, y0, x1, y1
+    geometry[4], geometry[5] = half_width, box.left | (box.top << 16)
     primitive.kind = KIND_LINE
     # 1/z is constant across the line and linear along it.
     ax, ay, aw = f64(pixel_x0), f64(pixel_y0), f64(w0)
@@ -202,11 +202,11 @@ def set_up_point(frame: RasterFrame, draw: Draw, primitive_in_mesh: I64, primiti
     box = pixel_box(frame, x0, y0, x1, y1, frame.sample_reach)
     if is_empty(box):
         return NOT_VISIBLE
-    values = primitive.values  # as KIND_POINT says
+    geometry = primitive.geometry  # as KIND_POINT says
     if frame.sample_count == 1:
-        values[0], values[1], values[2], values[3] = box.left, box.top, box.right, box.bottom
+        geometry[0], geometry[1], geometry[2], geometry[3] = box.left, box.top, box.right, box.bottom
     else:
-        values[0], values[1], values[2], values[3] = x0, y0, x1, y1
+        geometry[0], geometry[1], geometry[2], geometry[3] = x0, y0, x1, y1
     primitive.kind = KIND_POINT
     primitive.inv_z_dx = primitive.inv_z_dy = 0.0
     primitive.inv_z_base = primitive.inv_z_min = primitive.inv_z_max = w

@@ -27,7 +27,7 @@ from renderers.raster.layout import Layer, RasterFrame
 _BACKGROUND_LABEL: Final = int(np.uint32(LABEL_NONE).astype(np.int32))
 _BACKGROUND_INSTANCE_ID: Final = -1
 _PREFETCH_DISTANCE: Final = 1024
-"""Values by which a prefetch is ahead of the store: a cache line is read before a part of it is written. 1,024 values
+"""Values by which a prefetch is ahead of the store, which reads a cache line first (write-allocate). 1,024 values
 are a page of 4 KiB: processors themselves prefetch up to its end, but not the beginning of the next page."""
 
 
@@ -37,8 +37,8 @@ def resolve_band(frame_address: Address, first_row: I64, end_row: I64, band_memo
     frame, layer = RasterFrame(frame_address), Layer()
     set_band_layer(frame, layer, first_row, band_memory)
     for row in range(first_row, end_row):
-        row_start, out_row_start = (row - layer.first_row) * frame.stride, row * frame.width
-        row_ids, row_inv_z = advance(layer.ids, row_start), advance(layer.inv_z, row_start)
+        layer_row_start, out_row_start = (row - layer.first_row) * frame.stride, row * frame.width
+        row_ids, row_inv_z = advance(layer.ids, layer_row_start), advance(layer.inv_z, layer_row_start)
         # The whole row of one output, then that of the next: the stores to a cache line follow each other.
         if frame.depth_out != 0:
             _resolve_depth_row(row_inv_z, row_ids, advance(f32_at(frame.depth_out), out_row_start), frame.width)

@@ -9,10 +9,10 @@ from renderers.compiler.kernel_types import I64, Address, i64
 from renderers.compiler.pointers import advance, as_f32
 from renderers.raster.chunks import append_primitive, bins_of
 from renderers.raster.layout import (
-    BACK_BIT,
     CHUNK_SIZE,
     CHUNK_WORDS,
     FRAGMENT_CAPACITY,
+    KEPT_BACK_BIT,
     TOPOLOGY_LINES,
     TOPOLOGY_TRIANGLES,
     Chunk,
@@ -26,17 +26,17 @@ from renderers.visibility_buffer import BAND_ROWS
 
 @inlined
 def _begin_chunk(frame: RasterFrame, index: I64) -> Chunk:
-    """Return Chunk ``index``, empty. Its memory holds bins, then pixels, the pixels' 1/z and the pixels' ids.
+    """Return Chunk ``index``, empty. Its memory holds ranges of bins, then pixels, the pixels' 1/z and the pixels' ids.
 
     Its primitives are the slice of RasterFrame.primitives from ``index * CHUNK_SIZE`` on: assigning sets the pointer.
     """
     chunk = frame.chunks[index]
     chunk.primitives = frame.primitives[index * CHUNK_SIZE]
-    chunk.bins = advance(frame.chunk_memory, index * CHUNK_WORDS)
-    chunk.fragment_pixels = advance(chunk.bins, CHUNK_SIZE)
+    chunk.bin_ranges = advance(frame.chunk_memory, index * CHUNK_WORDS)
+    chunk.fragment_pixels = advance(chunk.bin_ranges, CHUNK_SIZE)
     fragment_inv_z = advance(chunk.fragment_pixels, FRAGMENT_CAPACITY)
     chunk.fragment_inv_z, chunk.fragment_ids = as_f32(fragment_inv_z), advance(fragment_inv_z, FRAGMENT_CAPACITY)
-    chunk.count = chunk.fragment_count = 0
+    chunk.primitive_count = chunk.fragment_count = 0
     return chunk
 
 
@@ -57,7 +57,7 @@ def _draw_index_of_primitive(frame: RasterFrame, frame_primitive: I64) -> I64:
 @device_function
 def _set_up_line_or_point(frame: RasterFrame, draw: Draw, primitive_in_mesh: I64, chunk: Chunk) -> None:
     """Set up a line or a point, and append it to a Chunk if it may be visible."""
-    primitive = chunk.primitives[chunk.count]  # overwritten by the next one if it touches no bin
+    primitive = chunk.primitives[chunk.primitive_count]  # append_primitive keeps it only if it touches a bin
     if draw.topology == TOPOLOGY_LINES:
         first_bin, last_bin = set_up_line(frame, draw, primitive_in_mesh, primitive)
     else:  # a point
@@ -92,7 +92,7 @@ def _set_up_primitives(frame: RasterFrame, chunk: Chunk, begin: I64, end: I64) -
 def _find_bands(frame: RasterFrame, chunk: Chunk) -> None:
     """Set the first and last band of a Chunk."""
     first_band, last_band = frame.band_count, i64(-1)
-    for k in range(chunk.count):
+    for k in range(chunk.primitive_count):
         first_bin, last_bin = bins_of(chunk, k)
         # A primitive is in front bins or in back bins only. ``first_back_bin`` is band_count if back faces are kept. If
         # none are (it is 0), no bin reaches band_count.
@@ -100,9 +100,9 @@ def _find_bands(frame: RasterFrame, chunk: Chunk) -> None:
         first_band = min(first_band, first_bin - base_bin)
         last_band = max(last_band, last_bin - base_bin)
     if chunk.fragment_count != 0:
-        first_pixel = last_pixel = chunk.fragment_pixels[0] & ~BACK_BIT
+        first_pixel = last_pixel = chunk.fragment_pixels[0] & ~KEPT_BACK_BIT
         for k in range(1, chunk.fragment_count):
-            pixel = chunk.fragment_pixels[k] & ~BACK_BIT
+            pixel = chunk.fragment_pixels[k] & ~KEPT_BACK_BIT
             first_pixel, last_pixel = min(first_pixel, pixel), max(last_pixel, pixel)
         first_band = min(first_band, first_pixel // (BAND_ROWS * frame.stride))
         last_band = max(last_band, last_pixel // (BAND_ROWS * frame.stride))

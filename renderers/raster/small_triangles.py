@@ -1,8 +1,8 @@
 """Coverage of small triangles, up to 64 x 128 pixels, in one band.
 
-    1. ``find_small_spans``: the span of covered columns in each row, eight rows at a time, one per lane;
-    2. ``_block_masks``: the blocks of eight columns and four rows that have any covered pixel;
-    3. ``draw_small``: the depth test of these blocks, a row of eight pixels at a time.
+    1. ``find_small_spans``: the span of covered columns in each row, eight rows at a time, one per lane; and the blocks
+       of eight columns and four rows that have any covered pixel (``_block_masks``);
+    2. ``draw_small``: the depth test of these blocks, a row of eight pixels at a time.
 
           columns  0      7 8     15
                   +--------+--------+
@@ -12,11 +12,11 @@
         rows 4..7 |        |###     |
                   +--------+--------+
 
-In a row, each of the three edge functions is e + c de at column c, counted from the box's first. With dx = de >> 8 and
-edge_value = (e >> 8) + 1/2, column c is inside where edge_value + c dx > 0. So the edge *limits* the covered columns on
-one side, at q = -edge_value / dx, which is never an integer: floor(q + 1) is the first covered column if the limit is
-on the left, and the end, the column after the last covered one, if it is on the right. ``_limit_by_edge`` says why
-float32 is exact here.
+In a row, each of the three edge functions is e + c de at column c, counted from the box's first; de is a multiple of
+256. With dx = de >> 8 and edge_value = (e >> 8) + 1/2, column c is inside where edge_value + c dx > 0. So the edge
+*limits* the covered columns on one side, at q = -edge_value / dx, which is never an integer: floor(q + 1) is the first
+covered column if the limit is on the left, and the end, the column after the last covered one, if it is on the right.
+``_limit_by_edge`` says why float32 is exact here.
 """
 
 from __future__ import annotations
@@ -51,7 +51,7 @@ _BITS_PER_GROUP: Final = 2 * _BITS_PER_BLOCK_ROW
 """Bits of a group's two block rows in a mask. Four groups are a band."""
 _LOG2_BLOCK_COLUMNS: Final = vec.LANES.bit_length() - 1
 """``column >> _LOG2_BLOCK_COLUMNS`` is the block of a column."""
-assert MAX_SMALL_WIDTH // vec.LANES < 2 * _BITS_PER_BLOCK_ROW  # a box that is not aligned touches one block more
+assert MAX_SMALL_WIDTH // vec.LANES < 2 * _BITS_PER_BLOCK_ROW  # two masks; an unaligned box touches one block more
 assert BAND_ROWS == 4 * _GROUP_ROWS
 # Two vectors have all fields of a SmallTriangle: the first ends with ``kind``, the second begins with ``edge1_dy``.
 assert (SMALL_FIELD_INDEX.kind, SMALL_FIELD_INDEX.edge1_dy) == (vec.LANES - 1, vec.LANES)
@@ -68,7 +68,7 @@ class SmallTriangleSpans(Struct):
     # in bits 0 to 7. Byte r of the second: block 8, since a box that is not aligned touches up to nine.
     block_masks: Pointer[I64] = inline(2)
     first_group_row: I64  # first row of the first group, in the image
-    rows_in_band: I64  # rows of the groups, from first_group_row on, that are in the band
+    row_count_in_band: I64  # number of the groups' rows that are in the band
     aligned_left: I64  # first column of the first block, in the image: a multiple of eight
     aligned_left_in_box: I64  # the same, counted from the box's first column: perhaps negative
 
@@ -92,35 +92,35 @@ def find_small_spans(
 ) -> None:
     """Find the spans and blocks of a triangle in at most BAND_ROWS rows of the image, for ``draw_small``."""
     # The box, cut to band and image.
-    box_x, box_y, box_column_count, box_row_count = box_of(triangle)
-    top, bottom = max(box_y, first_row), min(box_y + box_row_count, end_row)
-    left, right = max(box_x, i64(0)), min(box_x + box_column_count, frame.width)
-    # Aligned to eight columns: CPUs forward a load from one earlier store, and no vector crosses a cache line.
+    box_left, box_top, box_column_count, box_row_count = box_of(triangle)
+    top, bottom = max(box_top, first_row), min(box_top + box_row_count, end_row)
+    left, right = max(box_left, i64(0)), min(box_left + box_column_count, frame.width)
+    # Aligned, so that a load overlaps exactly one earlier store (store forwarding), and no vector crosses a cache line.
     aligned_left = left & ~i64(vec.LANES - 1)
-    aligned_left_in_box = aligned_left - box_x
+    aligned_left_in_box = aligned_left - box_left
     group_count = (bottom - top + _GROUP_ROWS - 1) // _GROUP_ROWS
-    first_group_row = _first_row_of_groups(top, end_row, group_count, first_row)
+    first_group_row = _first_group_row(top, end_row, group_count, first_row)
 
     # Spans, 1/z and blocks of eight rows at a time. Rows may lie above or below the box: no column is covered there.
     edges = _load_edges(triangle)
     inv_z_base, inv_z_dy = vec.f32(triangle.inv_z_base), vec.f32(triangle.inv_z_dy)
-    row_in_box = vec.to_f32(vec.i32(first_group_row - box_y) + vec.iota())
-    box_left_limit, box_right_limit = vec.f32(left - box_x) - vec.f32(0.5), vec.f32(right - box_x) - vec.f32(0.5)
-    first_mask, second_mask = i64(0), i64(0)
+    rows_in_box = vec.to_f32(vec.i32(first_group_row - box_top) + vec.iota())
+    box_left_limit, box_right_limit = vec.f32(left - box_left) - vec.f32(0.5), vec.f32(right - box_left) - vec.f32(0.5)
+    blocks_0_to_7, block_8 = i64(0), i64(0)
     for group in range(group_count):
-        begin_in_box, column_count = _covered_columns(edges, row_in_box, box_left_limit, box_right_limit)
+        begin_in_box, column_count = _covered_columns(edges, rows_in_box, box_left_limit, box_right_limit)
         vec.store(spans.row_begin_in_box, _GROUP_ROWS * group, begin_in_box)
         vec.store(spans.row_column_count, _GROUP_ROWS * group, column_count)
         group_masks = _block_masks(begin_in_box - vec.i32(aligned_left_in_box), column_count)
-        first_mask |= group_masks[0] << (_BITS_PER_GROUP * group)
-        second_mask |= group_masks[1] << (_BITS_PER_GROUP * group)
-        vec.store(spans.row_inv_z, _GROUP_ROWS * group, inv_z_base + inv_z_dy * row_in_box)
-        row_in_box = row_in_box + vec.f32(float(_GROUP_ROWS))
+        blocks_0_to_7 |= group_masks[0] << (_BITS_PER_GROUP * group)
+        block_8 |= group_masks[1] << (_BITS_PER_GROUP * group)
+        vec.store(spans.row_inv_z, _GROUP_ROWS * group, inv_z_base + inv_z_dy * rows_in_box)
+        rows_in_box = rows_in_box + vec.f32(float(_GROUP_ROWS))
 
     spans.triangle = triangle
-    spans.block_masks[0], spans.block_masks[1] = first_mask, second_mask
+    spans.block_masks[0], spans.block_masks[1] = blocks_0_to_7, block_8
     spans.first_group_row = first_group_row
-    spans.rows_in_band = min(end_row - first_group_row, _GROUP_ROWS * group_count)
+    spans.row_count_in_band = min(end_row - first_group_row, _GROUP_ROWS * group_count)
     spans.aligned_left, spans.aligned_left_in_box = aligned_left, aligned_left_in_box
 
 
@@ -143,7 +143,29 @@ def draw_small(frame: RasterFrame, layer: Layer, depth_rule: I64, spans: SmallTr
 
 
 @inlined
-def _first_row_of_groups(top: I64, end_row: I64, group_count: I64, first_row: I64) -> I64:
+def _draw_block(
+    frame: RasterFrame, layer: Layer, depth_rule: I64, spans: SmallTriangleSpans, block_row: I64, block: I64
+) -> None:
+    """Draw a block of a block row; both are counted from the first one, at ``first_group_row`` and ``aligned_left``."""
+    block_top, block_left = block_row * _BLOCK_ROWS, block * vec.LANES
+    triangle = spans.triangle
+    inv_z_min, inv_z_max, ids = vec.f32(triangle.inv_z_min), vec.f32(triangle.inv_z_max), vec.i32(triangle.id)
+    columns_in_box = vec.i32(spans.aligned_left_in_box + block_left) + vec.iota()
+    inv_z_from_box_left = vec.f32(triangle.inv_z_dx) * vec.to_f32(columns_in_box)
+    row_in_layer = spans.first_group_row + block_top - layer.first_row
+    pixel = row_in_layer * frame.stride + spans.aligned_left + block_left
+    for row in range(block_top, min(block_top + _BLOCK_ROWS, spans.row_count_in_band)):
+        inv_z = vec.f32(spans.row_inv_z[row]) + inv_z_from_box_left
+        inv_z = vec.minimum(vec.maximum(inv_z, inv_z_min), inv_z_max)
+        # One comparison of unsigned numbers tells whether a column is in the span.
+        column_in_span = columns_in_box - vec.i32(spans.row_begin_in_box[row])
+        covered = vec.less_unsigned(column_in_span, vec.i32(spans.row_column_count[row]))
+        depth_test(frame, layer, depth_rule, pixel, inv_z, covered, ids)
+        pixel += frame.stride
+
+
+@inlined
+def _first_group_row(top: I64, end_row: I64, group_count: I64, first_row: I64) -> I64:
     """Return the first row of the first group, for a triangle that begins in row ``top``.
 
     It is ``top``, or a smaller row near the band's end, so that the last group has no rows of the next band::
@@ -153,7 +175,8 @@ def _first_row_of_groups(top: I64, end_row: I64, group_count: I64, first_row: I6
         row 18   the triangle begins; groups from here on would be 18 to 25, and 26 to 33
         row 32   the next band begins, and the triangle goes on
 
-    They do not start above the band. In a band of fewer rows than the groups, ``draw_small`` skips the rest.
+    The groups do not start above the band. If the image's last band has fewer rows than they, ``_draw_block`` skips the
+    rest (``row_count_in_band``).
     """
     return max(min(top, end_row - _GROUP_ROWS * group_count), first_row)
 
@@ -199,30 +222,32 @@ def _broadcast_lane(vector: F32x8, k: I64) -> F32x8:
 
 @inlined
 def _covered_columns(
-    edges: _ScanlineEdges, row_in_box: F32x8, box_left_limit: F32x8, box_right_limit: F32x8
+    edges: _ScanlineEdges, rows_in_box: F32x8, box_left_limit: F32x8, box_right_limit: F32x8
 ) -> I32x8x2:
-    """Return the first covered column, counted from the box's first, and their number in each of eight rows.
+    """Return the first covered column, counted from the box's first, and the number of covered columns of eight rows.
 
     Column c is covered if left_limit < c < right_limit: from floor(left_limit + 1) to the end floor(right_limit + 1).
 
     Args:
-        row_in_box: counted from the box's first row.
+        rows_in_box: counted from the box's first row.
         box_left_limit, box_right_limit: limits by box and image, integers minus 1/2, from the box's first column on.
     """
     one = vec.f32(1.0)
-    left_limit, right_limit = _limit_by_edge(box_left_limit, box_right_limit, edges, 0, row_in_box)
-    left_limit, right_limit = _limit_by_edge(left_limit, right_limit, edges, 1, row_in_box)
-    left_limit, right_limit = _limit_by_edge(left_limit, right_limit, edges, 2, row_in_box)
+    left_limit, right_limit = _limit_by_edge(box_left_limit, box_right_limit, edges, 0, rows_in_box)
+    left_limit, right_limit = _limit_by_edge(left_limit, right_limit, edges, 1, rows_in_box)
+    left_limit, right_limit = _limit_by_edge(left_limit, right_limit, edges, 2, rows_in_box)
     # A nearly horizontal edge may limit a row anywhere: minimum and maximum keep its limits within int32.
-    # left >= box_left_limit >= -1/2, and right + 1 is cut at 0. to_i32 rounds toward 0, which is floor from 0 on.
+    # left_limit >= box_left_limit >= -1/2, and right_limit + 1 is cut at 0. to_i32 rounds toward 0: floor from 0 on.
     begin = vec.to_i32(vec.minimum(left_limit, box_right_limit) + one)
     end = vec.to_i32(vec.maximum(right_limit + one, vec.f32(0.0)))
     return begin, vec.maximum(end - begin, vec.i32(0))
 
 
 @inlined
-def _limit_by_edge(left_limit: F32x8, right_limit: F32x8, edges: _ScanlineEdges, k: I64, row_in_box: F32x8) -> F32x8x2:
-    """Return the column limits of eight rows, narrowed to the inner side of edge ``k``.
+def _limit_by_edge(
+    left_limit: F32x8, right_limit: F32x8, edges: _ScanlineEdges, edge: I64, rows_in_box: F32x8
+) -> F32x8x2:
+    """Return the column limits of eight rows, narrowed to the inner side of an edge, 0 to 2.
 
     Why float32 is exact:
 
@@ -238,10 +263,10 @@ def _limit_by_edge(left_limit: F32x8, right_limit: F32x8, edges: _ScanlineEdges,
     - So the distance of the computed q is above 15.1e-6 - 7.7e-6 = 7.4e-6. Adding 1 rounds by at most 2^-18 < 3.9e-6,
       since q + 1 < 128: the floor is right.
     """
-    edge_value = edges.base[k] + edges.dy[k] * row_in_box
+    edge_value = edges.base[edge] + edges.dy[edge] * rows_in_box
     # NaN limits nothing: if either argument is NaN, minimum and maximum return the second one.
-    left_limit = vec.maximum(edge_value * edges.left_factor[k], left_limit)
-    return left_limit, vec.minimum(edge_value * edges.right_factor[k], right_limit)
+    left_limit = vec.maximum(edge_value * edges.left_factor[edge], left_limit)
+    return left_limit, vec.minimum(edge_value * edges.right_factor[edge], right_limit)
 
 
 @inlined
@@ -252,35 +277,13 @@ def _block_masks(begin_from_aligned_left: I32x8, column_count: I32x8) -> tuple[I
         begin_from_aligned_left: the rows' first covered columns, counted from ``aligned_left``.
         column_count: number of the rows' covered columns.
     """
-    log2_columns, none = vec.i32(_LOG2_BLOCK_COLUMNS), vec.i32(0)
+    log2_columns, zero = vec.i32(_LOG2_BLOCK_COLUMNS), vec.i32(0)
     # Bit b of a lane is block b of a row: ones from the block of the first covered column up to that of the last.
     end_block = (begin_from_aligned_left + column_count + vec.i32(vec.LANES - 1)) >> log2_columns
     blocks = (vec.i32(1) << end_block) - (vec.i32(1) << (begin_from_aligned_left >> log2_columns))
-    blocks = vec.select(column_count > none, blocks, none)
+    blocks = vec.select(column_count > zero, blocks, zero)
     # The upper and the lower block row have up to nine blocks each: 0 to 7 go to the first mask, 8 to the second.
     is_upper = vec.iota() < vec.i32(_BLOCK_ROWS)
-    upper, lower = vec.or_of(vec.select(is_upper, blocks, none)), vec.or_of(vec.select(is_upper, none, blocks))
-    first_mask = (upper & 255) | ((lower & 255) << _BITS_PER_BLOCK_ROW)
-    return first_mask, (upper >> _BITS_PER_BLOCK_ROW) | ((lower >> _BITS_PER_BLOCK_ROW) << _BITS_PER_BLOCK_ROW)
-
-
-@inlined
-def _draw_block(
-    frame: RasterFrame, layer: Layer, depth_rule: I64, spans: SmallTriangleSpans, block_row: I64, block: I64
-) -> None:
-    """Draw a block of a block row; both are counted from the first one, at ``first_group_row`` and ``aligned_left``."""
-    row_in_groups, column_in_blocks = block_row * _BLOCK_ROWS, block * vec.LANES
-    triangle = spans.triangle
-    inv_z_min, inv_z_max, ids = vec.f32(triangle.inv_z_min), vec.f32(triangle.inv_z_max), vec.i32(triangle.id)
-    columns_in_box = vec.i32(spans.aligned_left_in_box + column_in_blocks) + vec.iota()
-    inv_z_from_box_left = vec.f32(triangle.inv_z_dx) * vec.to_f32(columns_in_box)
-    row_in_layer = spans.first_group_row + row_in_groups - layer.first_row
-    pixel = row_in_layer * frame.stride + spans.aligned_left + column_in_blocks
-    for row in range(row_in_groups, min(row_in_groups + _BLOCK_ROWS, spans.rows_in_band)):
-        inv_z = vec.f32(spans.row_inv_z[row]) + inv_z_from_box_left
-        inv_z = vec.minimum(vec.maximum(inv_z, inv_z_min), inv_z_max)
-        # One comparison of unsigned numbers tells whether a column is in the span.
-        column_in_span = columns_in_box - vec.i32(spans.row_begin_in_box[row])
-        covered = vec.less_unsigned(column_in_span, vec.i32(spans.row_column_count[row]))
-        depth_test(frame, layer, depth_rule, pixel, inv_z, covered, ids)
-        pixel += frame.stride
+    upper, lower = vec.or_of(vec.select(is_upper, blocks, zero)), vec.or_of(vec.select(is_upper, zero, blocks))
+    blocks_0_to_7 = (upper & 255) | ((lower & 255) << _BITS_PER_BLOCK_ROW)
+    return blocks_0_to_7, (upper >> _BITS_PER_BLOCK_ROW) | ((lower >> _BITS_PER_BLOCK_ROW) << _BITS_PER_BLOCK_ROW)

@@ -10,7 +10,7 @@ from renderers.compiler.device_function import inlined
 from renderers.compiler.kernel_types import I64, f32
 from renderers.compiler.simd import F32x8, I32x8, Mask8
 from renderers.raster.grid import Box
-from renderers.raster.layout import BACK_BIT, MAX_TINY_FRAGMENTS, TINY_SIDE, Chunk, RasterFrame
+from renderers.raster.layout import KEPT_BACK_BIT, MAX_TINY_FRAGMENTS, TINY_SIDE, Chunk, RasterFrame
 from renderers.raster.triangle_geometry import EightTriangles
 
 
@@ -35,11 +35,11 @@ def rasterize_tiny(frame: RasterFrame, triangles: EightTriangles, tiny: Mask8, k
 
     Args:
         tiny: the triangles to draw.
-        kept_back: those that are culled but kept: their pixels get BACK_BIT.
+        kept_back: those that are culled but kept: their pixels get KEPT_BACK_BIT.
     """
     ids, box, edges, plane = triangles
     first_pixel = box.top * vec.i32(frame.stride) + box.left
-    first_pixel = vec.select(kept_back, first_pixel | vec.i32(BACK_BIT), first_pixel)
+    first_pixel = vec.select(kept_back, first_pixel | vec.i32(KEPT_BACK_BIT), first_pixel)
     # All eight are tested at the same 3 x 3 pixels, or 4 x 4 if any is that wide: surplus tests, which cover nothing,
     # cost less than one mispredicted loop.
     usual_side = vec.i32(TINY_SIDE - 1)
@@ -54,7 +54,7 @@ def rasterize_tiny(frame: RasterFrame, triangles: EightTriangles, tiny: Mask8, k
             inv_z = row_inv_z + plane.dx * vec.f32(f32(column))
             inv_z = vec.minimum(vec.maximum(inv_z, plane.min), plane.max)
             covered = tiny & ((e0 | e1 | e2) >= vec.i32(0))
-            pixels = first_pixel + vec.i32(row * frame.stride + column)  # BACK_BIT stays
+            pixels = first_pixel + vec.i32(row * frame.stride + column)  # KEPT_BACK_BIT stays
             count = _append_pixels(chunk, count, covered, pixels, inv_z, ids)
             e0, e1, e2 = e0 + edges.dx[0], e1 + edges.dx[1], e2 + edges.dx[2]
         row_e0, row_e1, row_e2 = row_e0 + edges.dy[0], row_e1 + edges.dy[1], row_e2 + edges.dy[2]

@@ -11,7 +11,7 @@ from renderers.compiler.kernel_calls import is_set
 from renderers.compiler.kernel_types import F32, F64, I64, Address, Pointer, f32
 from renderers.compiler.pointers import advance, stack_array
 from renderers.compiler.simd import F64x8
-from renderers.raster.layout import BEHIND, GUARD_BAND, OUTSIDE, RasterFrame
+from renderers.raster.layout import BEFORE_NEAR_PLANE, GUARD_BAND, OUTSIDE_GUARD_BAND, RasterFrame
 
 _VERTICES_PER_STOP_CHECK: Final = 1 << 18
 """Vertices between two checks of the stop flag: about a millisecond."""
@@ -70,10 +70,11 @@ def _transform_eight(
     inv_z = vec.select(in_front, one / z, one)
     x = vec.f64(frame.fx) * _affine_row(X_camera_mesh, px, py, pz) * inv_z + vec.f64(frame.cx)
     y = vec.f64(frame.fy) * _affine_row(advance(X_camera_mesh, 4), px, py, pz) * inv_z + vec.f64(frame.cy)
-    # A z that is not a number gives BEHIND; such an x or y, with a z in front, gives OUTSIDE: clipping drops it.
+    # A z that is not a number gives BEFORE_NEAR_PLANE; such an x or y, with a z in front, gives OUTSIDE_GUARD_BAND:
+    # clipping drops it.
     inside = (vec.absolute(x) <= guard) & (vec.absolute(y) <= guard)
-    inv_z = vec.select(inside, inv_z, vec.f64(OUTSIDE))
-    inv_z = vec.select(in_front, inv_z, vec.f64(BEHIND))
+    inv_z = vec.select(inside, inv_z, vec.f64(OUTSIDE_GUARD_BAND))
+    inv_z = vec.select(in_front, inv_z, vec.f64(BEFORE_NEAR_PLANE))
     vec.store_vertices(out, 0, vec.to_f32(x), vec.to_f32(y), vec.to_f32(inv_z))
 
 

@@ -53,7 +53,7 @@ class Corners(NamedTuple):
     """Pixels."""
     y: F32x8x3
     inv_z: F32x8x3
-    """1/z, or BEHIND or OUTSIDE."""
+    """1/z, or BEFORE_NEAR_PLANE or OUTSIDE_GUARD_BAND."""
 
 
 class EightTriangles(NamedTuple):

@@ -22,7 +22,7 @@ from renderers.compiler.simd import F32x8x3, I32x8, I32x8x3, Mask8
 from renderers.raster.chunks import append_primitive, bin_range
 from renderers.raster.grid import Box
 from renderers.raster.layout import (
-    BEHIND,
+    BEFORE_NEAR_PLANE,
     KIND_SMALL,
     MAX_SMALL_DEPTH_RATIO,
     MAX_SMALL_HEIGHT,
@@ -51,17 +51,17 @@ from renderers.raster.triangle_geometry import (
 )
 from renderers.shading.vec3 import select3
 
-_transposed_array = stack_array(I32, SMALL_FIELD_COUNT * vec.LANES)
+_small_fields_array = stack_array(I32, SMALL_FIELD_COUNT * vec.LANES)
 
 
-class _LaneMasks(NamedTuple):
+class _LaneBits(NamedTuple):
     """Which of eight triangles become primitives, a bit for each."""
 
     small: I64
     single: I64
     """Large, to be clipped, or too deep for SmallTriangle (MAX_SMALL_DEPTH_RATIO): set up one at a time."""
-    kept_back: I64
-    """Culled faces among ``small``, which are all kept; bits of other triangles mean nothing."""
+    culled: I64
+    """Culled faces. ``small`` has them only if they are kept."""
 
 
 @device_function
@@ -86,17 +86,17 @@ def _set_up_eight_triangles(
     draw = frame.draws[draw_index]
     # Load; drop what is nearer than the near plane or farther than the far plane.
     corners = load_triangles(draw, first_triangle, count, vertices)
-    can_snap = _can_snap(frame, corners.inv_z, count)
+    is_unclipped = _is_drawn_unclipped(frame, corners.inv_z, count)
     needs_clipping = _needs_clipping(corners.inv_z, count)
-    if vec.movemask(can_snap | needs_clipping) == 0:
+    if vec.movemask(is_unclipped | needs_clipping) == 0:
         return
 
-    # Snap; drop what is off the image. Lanes that cannot be snapped get 0: they may be NaN or not fit int32.
+    # Snap; drop what is off the image. Other lanes get 0: they may be NaN or not fit int32.
     zeros = vec.f32(0.0), vec.f32(0.0), vec.f32(0.0)
-    corners = Corners(select3(can_snap, corners.x, zeros), select3(can_snap, corners.y, zeros), corners.inv_z)
+    corners = Corners(select3(is_unclipped, corners.x, zeros), select3(is_unclipped, corners.y, zeros), corners.inv_z)
     gx, gy = snap_to_grid_3(corners.x), snap_to_grid_3(corners.y)
     box = bounding_box(gx, gy, frame.sample_reach)
-    in_image = can_snap & overlaps_image(frame, box)
+    in_image = is_unclipped & overlaps_image(frame, box)
 
     # Tell small from single.
     fits_small = _fits_small(box, corners.inv_z)
@@ -113,7 +113,7 @@ def _set_up_eight_triangles(
     if vec.movemask(visible_small) == 0 and single_bits == 0:
         return
 
-    # Edge functions, of corners in clockwise order, and planes of 1/z.
+    # Edge functions, of corners in clockwise order, and planes of 1/z, to which the order does not matter.
     triangles = EightTriangles(
         ids=vec.i32(draw.first_id + first_triangle) + vec.iota(),
         box=box,
@@ -129,26 +129,26 @@ def _set_up_eight_triangles(
             rasterize_tiny(frame, triangles, tiny, is_culled, chunk)
             small_bits &= ~vec.movemask(tiny)
     if (small_bits | single_bits) != 0:
-        transposed = _transposed_array()
-        _store_transposed(transposed, triangles)
-        masks = _LaneMasks(small=small_bits, single=single_bits, kept_back=vec.movemask(is_culled))
-        _append_primitives(frame, draw_index, first_triangle, masks, transposed, chunk)
+        small_fields = _small_fields_array()
+        _store_small_fields(small_fields, triangles)
+        bits = _LaneBits(small=small_bits, single=single_bits, culled=vec.movemask(is_culled))
+        _append_primitives(frame, draw_index, first_triangle, bits, small_fields, chunk)
 
 
 @inlined
-def _can_snap(frame: RasterFrame, inv_z: F32x8x3, count: I64) -> Mask8:
-    """Return which of the first ``count`` triangles have all corners farther than the near plane and in the guard
-    band, and at least one corner nearer than the far plane."""
+def _is_drawn_unclipped(frame: RasterFrame, inv_z: F32x8x3, count: I64) -> Mask8:
+    """Return which of the first ``count`` triangles have no corner BEFORE_NEAR_PLANE or OUTSIDE_GUARD_BAND, whose 1/z
+    is negative, and at least one nearer than the far plane."""
     is_used = vec.iota() < vec.i32(count)
     return is_used & (minimum_of_3(inv_z) > vec.f32(0.0)) & (maximum_of_3(inv_z) >= vec.f32(frame.inv_z_far))
 
 
 @inlined
 def _needs_clipping(inv_z: F32x8x3, count: I64) -> Mask8:
-    """Return which of the first ``count`` triangles have a corner nearer than the near plane or outside the guard
-    band, but not all nearer than the near plane."""
+    """Return which of the first ``count`` triangles have a corner BEFORE_NEAR_PLANE or OUTSIDE_GUARD_BAND, but not all
+    BEFORE_NEAR_PLANE."""
     is_used = vec.iota() < vec.i32(count)
-    return is_used & (minimum_of_3(inv_z) < vec.f32(0.0)) & (maximum_of_3(inv_z) > vec.f32(BEHIND))
+    return is_used & (minimum_of_3(inv_z) < vec.f32(0.0)) & (maximum_of_3(inv_z) > vec.f32(BEFORE_NEAR_PLANE))
 
 
 @inlined
@@ -165,52 +165,52 @@ def _swap_last_two(swapped: Mask8, coordinate: I32x8x3) -> I32x8x3:
 
 
 @inlined
-def _store_transposed(rows: Pointer[I32], triangles: EightTriangles) -> None:
-    """Write eight SmallTriangles, transposed: a row of (SMALL_FIELD_COUNT, 8) for each field."""
+def _store_small_fields(small_fields: Pointer[I32], triangles: EightTriangles) -> None:
+    """Write eight SmallTriangles as (SMALL_FIELD_COUNT, 8): one row per field, one column per triangle."""
     ids, box, edges, plane = triangles
-    half_shift = vec.i32(16)
-    packed_corner = (box.top << half_shift) | (box.left & vec.i32(0xFFFF))
-    packed_size = ((box.bottom - box.top) << half_shift) | (box.right - box.left)
-    _store_row(rows, SMALL_FIELD_INDEX.edge_base, edges.base[0])
-    _store_row(rows, SMALL_FIELD_INDEX.edge_base + 1, edges.base[1])
-    _store_row(rows, SMALL_FIELD_INDEX.edge_base + 2, edges.base[2])
-    _store_row(rows, SMALL_FIELD_INDEX.edge_dx, edges.dx[0])
-    _store_row(rows, SMALL_FIELD_INDEX.edge_dx + 1, edges.dx[1])
-    _store_row(rows, SMALL_FIELD_INDEX.edge0_dy, edges.dy[0])
-    _store_row(rows, SMALL_FIELD_INDEX.edge1_dy, edges.dy[1])
-    _store_row(rows, SMALL_FIELD_INDEX.id, ids)
-    _store_row(rows, SMALL_FIELD_INDEX.kind, vec.i32(KIND_SMALL))
-    _store_row(rows, SMALL_FIELD_INDEX.box_corner, packed_corner)
-    _store_row(rows, SMALL_FIELD_INDEX.box_size, packed_size)
-    _store_row(rows, SMALL_FIELD_INDEX.inv_z_base, vec.float_bits(plane.base))
-    _store_row(rows, SMALL_FIELD_INDEX.inv_z_dx, vec.float_bits(plane.dx))
-    _store_row(rows, SMALL_FIELD_INDEX.inv_z_dy, vec.float_bits(plane.dy))
-    _store_row(rows, SMALL_FIELD_INDEX.inv_z_min, vec.float_bits(plane.min))
-    _store_row(rows, SMALL_FIELD_INDEX.inv_z_max, vec.float_bits(plane.max))
+    row_shift = vec.i32(16)
+    packed_corner = (box.top << row_shift) | (box.left & vec.i32(0xFFFF))
+    packed_size = ((box.bottom - box.top) << row_shift) | (box.right - box.left)
+    _store_row(small_fields, SMALL_FIELD_INDEX.edge_base, edges.base[0])
+    _store_row(small_fields, SMALL_FIELD_INDEX.edge_base + 1, edges.base[1])
+    _store_row(small_fields, SMALL_FIELD_INDEX.edge_base + 2, edges.base[2])
+    _store_row(small_fields, SMALL_FIELD_INDEX.edge_dx, edges.dx[0])
+    _store_row(small_fields, SMALL_FIELD_INDEX.edge_dx + 1, edges.dx[1])
+    _store_row(small_fields, SMALL_FIELD_INDEX.edge0_dy, edges.dy[0])
+    _store_row(small_fields, SMALL_FIELD_INDEX.edge1_dy, edges.dy[1])
+    _store_row(small_fields, SMALL_FIELD_INDEX.id, ids)
+    _store_row(small_fields, SMALL_FIELD_INDEX.kind, vec.i32(KIND_SMALL))
+    _store_row(small_fields, SMALL_FIELD_INDEX.box_corner, packed_corner)
+    _store_row(small_fields, SMALL_FIELD_INDEX.box_size, packed_size)
+    _store_row(small_fields, SMALL_FIELD_INDEX.inv_z_base, vec.float_bits(plane.base))
+    _store_row(small_fields, SMALL_FIELD_INDEX.inv_z_dx, vec.float_bits(plane.dx))
+    _store_row(small_fields, SMALL_FIELD_INDEX.inv_z_dy, vec.float_bits(plane.dy))
+    _store_row(small_fields, SMALL_FIELD_INDEX.inv_z_min, vec.float_bits(plane.min))
+    _store_row(small_fields, SMALL_FIELD_INDEX.inv_z_max, vec.float_bits(plane.max))
 
 
 @inlined
-def _store_row(rows: Pointer[I32], field: I64, words: I32x8) -> None:
-    vec.store(rows, vec.LANES * field, words)
+def _store_row(small_fields: Pointer[I32], field: I64, words: I32x8) -> None:
+    vec.store(small_fields, vec.LANES * field, words)
 
 
 @inlined
 def _append_primitives(
-    frame: RasterFrame, draw_index: I64, first_triangle: I64, masks: _LaneMasks, transposed: Pointer[I32], chunk: Chunk
+    frame: RasterFrame, draw_index: I64, first_triangle: I64, bits: _LaneBits, small_fields: Pointer[I32], chunk: Chunk
 ) -> None:
-    """Append the triangles of the masks to a Chunk in the order of their lanes; ``first_triangle``: that of lane 0."""
-    pending = masks.small | masks.single
+    """Append triangles to a Chunk in the order of their lanes; ``first_triangle``: that of lane 0."""
+    pending = bits.small | bits.single
     while pending != 0:
         lane = vec.lowest_bit(pending)
         bit = i64(1) << lane
         pending &= pending - 1
-        primitive = chunk.primitives[chunk.count]  # overwritten by the next one if it touches no bin
-        if bit & masks.small:
+        primitive = chunk.primitives[chunk.primitive_count]  # append_primitive keeps it only if it touches a bin
+        if bit & bits.small:
             words = i32_at(address(primitive))  # not all eight by a vector transpose: often few are kept
             for field in range(SMALL_FIELD_COUNT):
-                words[field] = transposed[vec.LANES * field + lane]
+                words[field] = small_fields[vec.LANES * field + lane]
             _, top, _, row_count = box_of(SmallTriangle(address(primitive)))
-            base_bin = frame.first_back_bin if bit & masks.kept_back else 0  # never base_bin_of's -1: all are kept
+            base_bin = frame.first_back_bin if bit & bits.culled else 0
             first_bin, last_bin = bin_range(max(top, 0), min(top + row_count, frame.height), base_bin)
         else:
             first_bin, last_bin = set_up_single_triangle(frame, draw_index, first_triangle + lane, primitive)

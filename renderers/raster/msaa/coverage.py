@@ -104,8 +104,8 @@ def _draw_span(
 @inlined
 def _draw_point(frame: RasterFrame, target: _SampleTarget, primitive: Primitive, first_row: I64, end_row: I64) -> None:
     """Draw a KIND_POINT: the samples in a square of grid units."""
-    values, reach = primitive.values, frame.sample_reach
-    x0, y0, x1, y1 = i64(values[0]), i64(values[1]), i64(values[2]), i64(values[3])
+    geometry, reach = primitive.geometry, frame.sample_reach
+    x0, y0, x1, y1 = i64(geometry[0]), i64(geometry[1]), i64(geometry[2]), i64(geometry[3])
     top = max(first_center(y0 - reach), first_row)
     bottom = min(first_center(y1 + reach), end_row)
     offsets = frame.sample_offsets
@@ -167,7 +167,7 @@ def draw_sample_rows(frame: RasterFrame, band: SampleBand, first_row: I64, end_r
             continue
         if is_set(frame.stop):
             break
-        for k in range(0, chunk.count, vec.LANES):
+        for k in range(0, chunk.primitive_count, vec.LANES):
             pending = primitives_in_bin(chunk, k, band_index)
             while pending != 0:
                 index = chunk_index * CHUNK_SIZE + k + vec.lowest_bit(pending)

@@ -163,7 +163,7 @@ def _find_mixed(frame: RasterFrame, owners: Pointer[I32], ids: Pointer[I32], col
         owner = vec.load(owners, column)
         mixed_bits = vec.movemask(owner == vec.i32(MIXED))
         vec.store(ids, column, vec.select(owner < vec.i32(0), vec.i32(-1), vec.load(ids, column)))
-        vec.store(columns, count, vec.load(frame.lane_lists, vec.LANES * mixed_bits) + vec.i32(column))
+        vec.store(columns, count, vec.load(frame.lanes_of_mask, vec.LANES * mixed_bits) + vec.i32(column))
         count += vec.count_bits(mixed_bits)
     while count > 0 and columns[count - 1] >= frame.width:
         count -= 1

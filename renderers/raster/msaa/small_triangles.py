@@ -195,19 +195,19 @@ def _draw_block(
     Returns:
         Number of edge pixels.
     """
-    box_x, box_y, _, _ = box_of(triangle)
+    box_left, box_top, _, _ = box_of(triangle)
     stride, zero = frame.stride, vec.i32(0)
     # A block at the right margin is moved left: pixels that were drawn are not drawn again.
     column = min(start, stride - vec.LANES)
     valid = i64(255) << (start - column)
-    columns = vec.i32(column - box_x) + vec.iota()
+    columns = vec.i32(column - box_left) + vec.iota()
     first_row, end_row = i64(scratch.first_rows[block]), i64(scratch.last_rows[block]) + 1
     e0 = vec.i32(edges.top[0] + first_row * edges.dy[0]) + columns * vec.i32(edges.dx[0])
     e1 = vec.i32(edges.top[1] + first_row * edges.dy[1]) + columns * vec.i32(edges.dx[1])
     e2 = vec.i32(edges.top[2] + first_row * edges.dy[2]) + columns * vec.i32(edges.dx[2])
     inv_z_from_box_left = vec.f32(triangle.inv_z_dx) * vec.to_f32(columns)
     pixel = (top + first_row - band.first_row) * stride + column
-    edge_pixel = _packed_in_box(top - box_y + first_row, column - box_x)
+    edge_pixel = _packed_in_box(top - box_top + first_row, column - box_left)
     for row in range(first_row, end_row):
         # Maxima over a pixel's samples: some sample may be inside, and minima: all are.
         touched = (e0 | e1 | e2) >= zero
@@ -215,7 +215,7 @@ def _draw_block(
         e0, e1, e2 = e0 + vec.i32(edges.dy[0]), e1 + vec.i32(edges.dy[1]), e2 + vec.i32(edges.dy[2])
         inv_z = vec.f32(scratch.row_inv_z[row]) + inv_z_from_box_left
         mask = valid & merge_whole_pixels(band, pixel, inv_z, max_offset, triangle, owner, full, touched)
-        lanes = vec.load(frame.lane_lists, vec.LANES * mask)
+        lanes = vec.load(frame.lanes_of_mask, vec.LANES * mask)
         vec.store(scratch.edge_pixels, count, lanes + vec.i32(edge_pixel))
         count += vec.count_bits(mask)
         pixel += stride
@@ -237,13 +237,13 @@ def _load_edge_pixels(
     Args:
         batch: index of the first edge pixel.
     """
-    box_x, box_y, _, _ = box_of(triangle)
+    box_left, box_top, _, _ = box_of(triangle)
     rows, columns = _rows_and_columns(vec.load(scratch.edge_pixels, batch))
     e0 = vec.i32(edges.first[0]) + rows * vec.i32(edges.dy[0]) + columns * vec.i32(edges.dx[0])
     e1 = vec.i32(edges.first[1]) + rows * vec.i32(edges.dy[1]) + columns * vec.i32(edges.dx[1])
     vec.store(scratch.batch_e0, 0, e0)
     vec.store(scratch.batch_e1, 0, e1)
-    pixels = (rows + vec.i32(box_y - band.first_row)) * vec.i32(frame.stride) + (columns + vec.i32(box_x))
+    pixels = (rows + vec.i32(box_top - band.first_row)) * vec.i32(frame.stride) + (columns + vec.i32(box_left))
     vec.store(scratch.batch_pixels, 0, pixels)
     row_inv_z = vec.f32(triangle.inv_z_base) + vec.f32(triangle.inv_z_dy) * vec.to_f32(rows)
     vec.store(scratch.batch_inv_z, 0, row_inv_z + vec.f32(triangle.inv_z_dx) * vec.to_f32(columns))
@@ -288,12 +288,12 @@ def draw_small_samples(
     Args:
         owner: index in RasterFrame.primitives.
     """
-    box_x, box_y, box_columns, box_rows = box_of(triangle)
-    top, bottom = max(box_y, first_row), min(box_y + box_rows, end_row)
-    left, right = max(box_x, 0), min(box_x + box_columns, frame.width)
+    box_left, box_top, box_columns, box_rows = box_of(triangle)
+    top, bottom = max(box_top, first_row), min(box_top + box_rows, end_row)
+    left, right = max(box_left, 0), min(box_left + box_columns, frame.width)
     if _is_hidden(band.far, frame.stride, left, right, top - first_row, bottom - first_row, triangle.inv_z_max):
         return
-    skipped_rows, rows = top - box_y, bottom - top
+    skipped_rows, rows = top - box_top, bottom - top
     edges = _sample_edges(frame, triangle, skipped_rows)
     for row in range(0, rows, vec.LANES):
         box_row = vec.to_f32(vec.i32(skipped_rows + row) + vec.iota())
@@ -304,7 +304,7 @@ def draw_small_samples(
     begin = left - (left & (vec.LANES - 1) if is_wide else 0)
     count = 0
     for group in range(begin, right, vec.LANES * vec.LANES):
-        columns = vec.i32(group - box_x) + (vec.iota() << vec.i32(3))
+        columns = vec.i32(group - box_left) + (vec.iota() << vec.i32(3))
         _limit_block_rows(edges, columns, rows, is_wide, scratch)
         for block in range(min((right - group + vec.LANES - 1) >> 3, vec.LANES)):
             start = group + vec.LANES * block

@@ -149,7 +149,7 @@ def test_culling_changes_a_few_silhouette_pixels_only(seed: int, count: int) -> 
     """At silhouettes, the front face may replace an edge of the back face that snapping moved in front of it."""
     rng = np.random.default_rng(seed)
     scene = some_solids(rng, count, 1.0)
-    assert (prepare(scene).instances.structure.instances[:-1]["box_half"] >= 0.0).all()
+    assert (prepare(scene).instances.structure.instances[:-1]["box_half_extents"] >= 0.0).all()
     X = np.eye(4)
     X[:3, 3] = (*rng.uniform(-0.2, 0.2, 2), -3.0)
     view = Camera(157, 120, 140.0, 150.0, 78.0, 60.0, 0.05, 50.0, X)
