@@ -33,7 +33,7 @@ Parameters of device functions that mean the same everywhere have no line of the
   loops over ``begin .. end``, and where the docstring says "row", it is an index in the row of pixels instead.
 - ``y``: row of the image. ``column``: column of the image. Pixel k of a row is in column k, unless ShadingContext has
   ``columns``.
-- ``span``: index of a span in the row; ``at``: index of the first of eight spans in SpanSums.
+- ``span``: index of a span in the row; ``slot``: index in SpanSums, and so in the part, of the first of eight spans.
 - ``rows``: pointer to rows of SpanSums or ShadedPixels. ``packed_row``: pointer to int32, see ``packed_rows``.
 - ``alpha``: bool, False: the fourth channel is not needed.
 

@@ -211,7 +211,7 @@ def write_light_images(light: CameraLightInputs, context: ShadingContext, count:
     """Write ``key_factor`` and ``light`` of the segment's first ``count`` pixels, which have no camera light."""
     pixels = context.pixels
     for x in range(0, count, vec.LANES):
-        normal, point = load3(pixels.normal, x, ROW_STRIDE), load3(pixels.point, x, ROW_STRIDE)
+        normal, point = load3(pixels.normal, x, ROW_STRIDE), load3(pixels.position, x, ROW_STRIDE)
         normal = times(normal, scale_to(normal, vec.f32(1.0)))
         to_lamp, lamp = _lamp(light, point)
         red, green, blue = diffuse_light(light, normal, point)
@@ -225,13 +225,13 @@ def light_pixels(light: CameraLightInputs, context: ShadingContext, count: I64, 
     """Write the light on the segment's first ``count`` pixels, after ``sample_maps`` and ``apply_normal_map``.
 
     Rows ``normal`` become those that ``vtk_reflected`` reads for the lamp: its light times n . l, its light times the
-    specular term, and Schlick's factor, which is 0. The first three rows ``sampled`` become all other light, RGB.
+    specular term, and Schlick's factor, which is 0. The first three rows ``scratch_color`` become all other light, RGB.
     """
     lamp_share = images.lamp_share
     material, pixels, has_lamp = context.material, context.pixels, light.lamp > 0.0
     zero, one = vec.f32(0.0), vec.f32(1.0)
     for x in range(0, count, vec.LANES):
-        normal, point = load3(pixels.normal, x, ROW_STRIDE), load3(pixels.point, x, ROW_STRIDE)
+        normal, point = load3(pixels.normal, x, ROW_STRIDE), load3(pixels.position, x, ROW_STRIDE)
         normal = times(normal, scale_to(normal, one))
         roughness, metallic = vec.f32(material.roughness), vec.f32(material.metallic)
         if material.metallic_roughness_texture >= 0:
@@ -259,4 +259,4 @@ def light_pixels(light: CameraLightInputs, context: ShadingContext, count: I64, 
             vec.store(lamp_share, x, share)
         # Schlick's (1 - h . l)^5 is below 1e-8 for a lamp that is 8 cm beside the camera and 0.3 m from the surface.
         store3(pixels.normal, x, ROW_STRIDE, (n_l * lamp, specular * lamp, zero))
-        store3(pixels.sampled, x, ROW_STRIDE, (red + ambient, green + ambient, blue + ambient))
+        store3(pixels.scratch_color, x, ROW_STRIDE, (red + ambient, green + ambient, blue + ambient))

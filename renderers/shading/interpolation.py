@@ -49,7 +49,7 @@ def _span_values(rows: Pointer[F32], row: I64, slot: I64, offsets: I32x8) -> F32
 
     Args:
         rows: pointer to a field of SpanSums, of which ``row`` is one row.
-        at: index in SpanSums of the first pixel's span; seven more are loaded.
+        slot: index in SpanSums of the first pixel's span; seven more are loaded.
         offsets: index of each pixel's span, counted from ``slot``.
     """
     return vec.permute(vec.load(rows, row * ROW_STRIDE + slot), offsets)
@@ -83,7 +83,7 @@ def interpolate(context: ShadingContext, begin: I64, end: I64) -> None:
     become 0, as do their gradients.
     """
     sums, pixels, start_bits, columns = context.span_sums, context.pixels, context.start_bits, context.columns
-    attributes, span_offsets = context.attributes, context.inputs.span_offsets
+    attributes, span_offsets = context.used_attributes, context.inputs.span_offsets
     reads_gradients, reads_positions = context.material.reads_gradients != 0, context.inputs.reads_positions != 0
     slot = i64(0)
     for x in range(begin, end, vec.LANES):
@@ -154,7 +154,7 @@ def _store_gradient(
 
 @device_function
 def _store_surface(context: ShadingContext, columns: F32x8, pixel: I64, slot: I64, offsets: I32x8, t: F32x8) -> None:
-    """Store ``point`` of eight pixels, and ``flat_normal`` if it is read.
+    """Store ``position`` of eight pixels, and ``flat_normal`` if it is read.
 
     Args:
         columns: image columns of the pixels.
@@ -165,7 +165,7 @@ def _store_surface(context: ShadingContext, columns: F32x8, pixel: I64, slot: I6
     z = vec.f32(1.0) / _along_span(sums.inv_depth, 0, 1, slot, offsets, t)
     x = (columns + vec.f32(0.5 - inputs.cx)) * vec.f32(1.0 / inputs.fx) * z
     y = vec.f32((context.y + 0.5 - inputs.cy) / inputs.fy) * z
-    store3(pixels.point, pixel, ROW_STRIDE, (x, y, z))
+    store3(pixels.position, pixel, ROW_STRIDE, (x, y, z))
     if inputs.reads_flat_normals != 0:
         for k in range(3):
             vec.store(pixels.flat_normal, k * ROW_STRIDE + pixel, _span_values(sums.flat_normal, k, slot, offsets))

@@ -1,4 +1,4 @@
-"""Structs that the shading kernels of both looks and their callers share."""
+"""Structs that the shading kernels of all looks and their callers share."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ EXTRA_COLUMNS: Final = LANES
 
 class ShadingInstance(Struct):
     topology: I64  # number of vertices of a primitive, see drawlist.Topology
-    material: I64  # index of its ShadingMaterial
+    material_index: I64  # in ShadingInputs.materials
     indices: Pointer[U32]  # (M, topology)
     vertices: Pointer[F32]  # (N, VERTEX_COLUMNS)
     colors: Pointer[F32]  # (N, 4); 0 if the mesh has none
@@ -59,8 +59,8 @@ class InstanceMatrices(Struct):
 class ShadingMaterial(Struct):
     alpha_mode: I64  # ALPHA_ constant of materials
     lighting: I64  # UNLIT, LAMBERT or METALLIC_ROUGHNESS
-    stored_by_gamma: I64  # headlight looks: 1: colours are linear, and encoded by gamma when stored; 0: stored as is
-    vertex_colors: I64  # COLORS_ constant of materials
+    encodes_gamma: I64  # headlight looks: 1: colours are linear, and encoded by gamma when stored; 0: stored as is
+    vertex_color_rule: I64  # COLORS_ constant of materials
     uv_sets: I64  # bit 0: a texture reads uv0; bit 1: a texture reads uv1
     reads_gradients: I64  # 1: shading reads uv_gradient
     # Indices of ShadingTextures; -1: none.
@@ -88,7 +88,7 @@ class ShadingTexture(Struct):
     wrap_t: I64
     mag_linear: I64
     min_linear: I64
-    mips: I64  # MIPS_ constant of texture_table
+    mip_mode: I64  # MIPS_ constant of texture_table
     uv_set: I64
     srgb: I64  # 1: the colour channels are decoded to linear light
     texels: Pointer[I32]  # textures.texel_rows: RGBA, red in the lowest byte
@@ -110,9 +110,9 @@ class ShadingInputs(Struct):
     fy: F64
     cx: F64
     cy: F64
-    area_filter: I64  # 1: Look.area_filter
+    area_filter: I64  # 1: textures are averaged over each pixel's area
     reads_positions: I64  # 1: shading reads positions
-    reads_flat_normals: I64  # 1: shading reads flat normals; only with reads_positions
+    reads_flat_normals: I64  # 1: shading reads flat normals; requires reads_positions
     # Tables of ShadingScene.
     instances: ShadingInstance
     materials: ShadingMaterial
@@ -124,61 +124,60 @@ class ShadingInputs(Struct):
     sampling_kernel: Address  # sampling.sample_texture
 
 
-def rows(count: int) -> Any:
+def inline_rows(count: int) -> Any:
     """Return the type of a field that has this number of rows."""
     return inline(count * ROW_STRIDE)
 
 
 class SpanSums(Struct):
-    """Values that are linear along the spans of a part: rows of ROW_STRIDE float32, one value per span."""
+    """Spans of a part: rows of ROW_STRIDE float32, one value per span. Sums and 1/depth are linear along a span."""
 
-    first_column: Pointer[F32] = rows(1)  # image column of the first pixel
-    facing: Pointer[F32] = rows(1)  # -1 where a back face is visible, else 1
-    # Weighted sums of the vertices' attributes: first all values at the first pixel, then all changes per pixel.
-    weight_sum: Pointer[F32] = rows(1 + 1)
-    normal: Pointer[F32] = rows(3 + 3)  # optical frame
-    uv: Pointer[F32] = rows(2 * UV_SET_ROWS)  # two values and two changes of uv0, then those of uv1
-    color: Pointer[F32] = rows(4 + 4)
-    tangent: Pointer[F32] = rows(4 + 4)  # optical frame, and the sign of the bitangent
+    first_column: Pointer[F32] = inline_rows(1)  # image column of the first pixel
+    facing: Pointer[F32] = inline_rows(1)  # -1 where a back face is visible, else 1
+    # Weighted sums of the vertices' attributes. In each field: values at the first pixel, then changes per pixel.
+    weight_sum: Pointer[F32] = inline_rows(1 + 1)
+    normal: Pointer[F32] = inline_rows(3 + 3)  # optical frame
+    uv: Pointer[F32] = inline_rows(2 * UV_SET_ROWS)  # these for uv0, then for uv1
+    color: Pointer[F32] = inline_rows(4 + 4)
+    tangent: Pointer[F32] = inline_rows(4 + 4)  # optical frame, and the sign of the bitangent
     # Filled only with ShadingInputs.reads_positions: 1/depth, 1/m, at the first pixel, and its change per pixel.
-    inv_depth: Pointer[F32] = rows(1 + 1)
-    # Filled with ShadingInputs.reads_flat_normals, or if ``attributes`` of ShadingContext lacks HAS_NORMALS: unit
+    inv_depth: Pointer[F32] = inline_rows(1 + 1)
+    # Filled with ShadingInputs.reads_flat_normals, or if ``used_attributes`` of ShadingContext lacks HAS_NORMALS: unit
     # normal of the triangle, towards the camera; 0 for lines and points.
-    flat_normal: Pointer[F32] = rows(3)
-    # Filled only with ShadingMaterial.reads_gradients: first all changes of the sums per column of the image, then
-    # all changes per row.
-    weight_sum_gradient: Pointer[F32] = rows(1 + 1)
-    uv_gradient: Pointer[F32] = rows(2 * UV_SET_ROWS)  # two changes per column and two per row of uv0, then of uv1
+    flat_normal: Pointer[F32] = inline_rows(3)
+    # Filled only with ShadingMaterial.reads_gradients: changes of these sums per column of the image, then per row.
+    weight_sum_gradient: Pointer[F32] = inline_rows(1 + 1)
+    uv_gradient: Pointer[F32] = inline_rows(2 * UV_SET_ROWS)  # these for uv0, then for uv1
 
 
 class ShadedPixels(Struct):
     """Attributes of pixels: rows of ROW_STRIDE float32, one value per pixel."""
 
-    normal: Pointer[F32] = rows(3)  # optical frame, of the visible side, any length
-    facing: Pointer[F32] = rows(1)  # only with HAS_TANGENTS: -1 where a back face is visible, else 1
-    uv: Pointer[F32] = rows(2 * 2)  # uv0, uv1
-    color: Pointer[F32] = rows(4)  # vertex colour, RGBA
-    tangent: Pointer[F32] = rows(4)  # optical frame, any length; sign of the bitangent
+    normal: Pointer[F32] = inline_rows(3)  # optical frame, of the visible side, any length
+    facing: Pointer[F32] = inline_rows(1)  # only with HAS_TANGENTS: -1 where a back face is visible, else 1
+    uv: Pointer[F32] = inline_rows(2 * 2)  # uv0, uv1
+    color: Pointer[F32] = inline_rows(4)  # vertex colour, RGBA
+    tangent: Pointer[F32] = inline_rows(4)  # optical frame, any length; sign of the bitangent
     # Filled only with ShadingMaterial.reads_gradients:
-    uv_gradient: Pointer[F32] = rows(2 * 4)  # of uv0, then of uv1: du/dx, dv/dx, du/dy, dv/dy per pixel of the image
+    uv_gradient: Pointer[F32] = inline_rows(2 * 4)  # uv0, then uv1: du/dx, dv/dx, du/dy, dv/dy per pixel of the image
     # Filled only with ShadingInputs.reads_flat_normals, as in SpanSums:
-    flat_normal: Pointer[F32] = rows(3)
-    # Filled only with ShadingInputs.reads_positions: the visible point in the optical frame, metres.
-    point: Pointer[F32] = rows(3)
-    # Filled by ``material``:
-    base_color: Pointer[F32] = rows(4)  # and alpha
-    metallic_roughness: Pointer[F32] = rows(4)  # texture: roughness is the second channel, metallic the third
-    occlusion: Pointer[F32] = rows(4)  # texture: the first channel
-    emissive: Pointer[F32] = rows(4)  # texture
-    sampled: Pointer[F32] = rows(4)  # any other texture, or what ``camera_light`` adds
+    flat_normal: Pointer[F32] = inline_rows(3)
+    # Filled only with ShadingInputs.reads_positions: optical frame, metres.
+    position: Pointer[F32] = inline_rows(3)
+    # Filled by ``material``; the maps as sampled, without the material's factors:
+    base_color: Pointer[F32] = inline_rows(4)  # and alpha
+    metallic_roughness: Pointer[F32] = inline_rows(4)  # roughness is the second channel, metallic the third
+    occlusion: Pointer[F32] = inline_rows(4)  # the first channel
+    emissive: Pointer[F32] = inline_rows(4)
+    scratch_color: Pointer[F32] = inline_rows(4)  # any other texture, or what ``camera_light`` adds
     # Filled and read by ``sampling``, one texture after the other:
     level: Pointer[I32] = inline(ROW_STRIDE)  # mip level, or mip_levels.MAGNIFIED
-    next_weight: Pointer[F32] = rows(1)  # weight of the next mip level
-    sample_uv: Pointer[F32] = rows(2)  # texture coordinates, transformed and texels.wrapped
+    next_level_weight: Pointer[F32] = inline_rows(1)  # 0 .. 1, of the next mip level
+    sample_uv: Pointer[F32] = inline_rows(2)  # texture coordinates, transformed and texels.wrapped
     # Two rows for the pixel's mip level, then two for the next level, filled if its weight is not 0. Offsets: index in
     # ShadingTexture.texels of the upper left and the lower left texel.
     texel_offsets: Pointer[I32] = inline(2 * 2 * ROW_STRIDE)
-    texel_weights: Pointer[F32] = rows(2 * 2)  # of the right and the lower texels
+    texel_weights: Pointer[F32] = inline_rows(2 * 2)  # of the right and the lower texels
 
 
 class ShadingContext(Struct):
@@ -203,4 +202,4 @@ class ShadingContext(Struct):
     material: ShadingMaterial
     matrices: InstanceMatrices
     X_camera_mesh: Pointer[F64]  # (4, 4)
-    attributes: I64  # HAS_ bits that the mesh has and the material reads
+    used_attributes: I64  # HAS_ bits that the mesh has and the material reads

@@ -19,24 +19,24 @@ from renderers.shading.vec3 import cross, dot, load3, scale_to, select3, store3,
 @inlined
 def has_varying_color(context: ShadingContext) -> bool:
     """Return True if the base colour differs between the pixels of a segment."""
-    return context.material.base_color_texture >= 0 or context.attributes & HAS_COLORS != 0
+    return context.material.base_color_texture >= 0 or (context.used_attributes & HAS_COLORS) != 0
 
 
 @device_function
 def fill_base_color(context: ShadingContext, count: I64, alpha: bool) -> None:
     """Fill the rows ``base_color``: factor x vertex colour x texture. The fourth row is filled only if ``alpha``."""
     material, pixels = context.material, context.pixels
-    is_textured, is_colored = material.base_color_texture >= 0, context.attributes & HAS_COLORS != 0
+    is_textured, is_colored = material.base_color_texture >= 0, (context.used_attributes & HAS_COLORS) != 0
     if is_textured:
         sample(context, material.base_color_texture, count, pixels.base_color, alpha)
-    rule, linear_from_gamma = material.vertex_colors, context.inputs.linear_from_gamma
+    rule, linear_from_gamma = material.vertex_color_rule, context.inputs.linear_from_gamma
     for k in range(4 if alpha else 3):
         if is_textured and not is_colored and material.base_color[k] == 1.0:
             continue
         factor = vec.f32(material.base_color[k])
         if k < 3 and is_colored and rule & COLORS_REPLACE:
             factor = vec.f32(1.0)
-        decodes = k < 3 and rule & COLORS_DECODE != 0
+        decodes = k < 3 and (rule & COLORS_DECODE) != 0
         for x in range(0, count, vec.LANES):
             value = factor
             if is_colored:
@@ -81,9 +81,9 @@ def apply_normal_map(context: ShadingContext, count: I64) -> None:
     tangents.
     """
     material, pixels = context.material, context.pixels
-    if material.normal_texture < 0 or context.attributes & HAS_TANGENTS == 0:
+    if material.normal_texture < 0 or (context.used_attributes & HAS_TANGENTS) == 0:
         return
-    sample(context, material.normal_texture, count, pixels.sampled, False)
+    sample(context, material.normal_texture, count, pixels.scratch_color, False)
     mirror_sign, strength = vec.f32(context.matrices.mirror_sign), vec.f32(material.normal_scale)
     one, two, zero = vec.f32(1.0), vec.f32(2.0), vec.f32(0.0)
     for x in range(0, count, vec.LANES):
@@ -101,7 +101,7 @@ def apply_normal_map(context: ShadingContext, count: I64) -> None:
         # The bitangent of a mirror image is the mirrored one.
         handedness = vec.select(vec.load(pixels.tangent, 3 * ROW_STRIDE + x) * mirror_sign >= zero, one, -one)
         b = cross(n, t)
-        texel = load3(pixels.sampled, x, ROW_STRIDE)
+        texel = load3(pixels.scratch_color, x, ROW_STRIDE)
         along_t, along_b = (two * texel[0] - one) * strength, (two * texel[1] - one) * strength * handedness
         along_n = two * texel[2] - one
         normal = (

@@ -205,8 +205,8 @@ def material_values(material: Material, look: LookName, lit: bool, textures: Tex
     values: dict[str, Any] = {
         "alpha_mode": _ALPHA_MODES[adapted.alpha_mode],
         "lighting": _lighting(adapted, look),
-        "stored_by_gamma": int(look in ("pbr", "gltf") and not adapted.lambert),
-        "vertex_colors": vertex_color_rule(adapted, look),
+        "encodes_gamma": int(look in ("pbr", "gltf") and not adapted.lambert),
+        "vertex_color_rule": vertex_color_rule(adapted, look),
         "base_color_texture": index_of(adapted.base_color_texture, True, look in ("pbr", "gltf", "studio")),
         "metallic_roughness_texture": index_of(adapted.metallic_roughness_texture, lit),
         "normal_texture": index_of(adapted.normal_texture, lit),

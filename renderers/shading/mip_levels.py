@@ -23,7 +23,7 @@ def is_minified(texture: ShadingTexture, squared_side: F32x8) -> Mask8:
         squared_side: square of the longer side of the pixel's footprint, texels of level 0.
     """
     # With a linear magnifying and a nearest minifying filter, minification begins at half a level (OpenGL 4.6, 8.14).
-    begins_late = texture.mag_linear != 0 and texture.min_linear == 0 and texture.mips != MIPS_NONE
+    begins_late = texture.mag_linear != 0 and texture.min_linear == 0 and texture.mip_mode != MIPS_NONE
     return squared_side > vec.f32(2.0 if begins_late else 1.0)
 
 
@@ -35,19 +35,19 @@ def mip_levels(texture: ShadingTexture, squared_side: F32x8) -> tuple[I32x8, F32
         texture, squared_side: as in ``is_minified``.
 
     Returns:
-        next_weight: weight of the next level, 0 .. 1.
+        next_level_weight: weight of the next level, 0 .. 1.
     """
-    level, next_weight = vec.i32(0), vec.f32(0.0)
-    if texture.mips != MIPS_NONE:
+    level, next_level_weight = vec.i32(0), vec.f32(0.0)
+    if texture.mip_mode != MIPS_NONE:
         # log2 of the side, the level whose texels are as large as the footprint.
         detail = vec.minimum(_half_log2(squared_side), vec.f32(texture.last_level))
-        if texture.mips == MIPS_NEAREST:
+        if texture.mip_mode == MIPS_NEAREST:
             nearest = vec.to_i32(vec.ceil(detail + vec.f32(0.5))) - vec.i32(1)
             level = vec.minimum(nearest, vec.i32(texture.last_level))
         else:
             level = vec.to_i32(detail)
-            next_weight = detail - vec.to_f32(level)
-    return level, next_weight
+            next_level_weight = detail - vec.to_f32(level)
+    return level, next_level_weight
 
 
 @inlined

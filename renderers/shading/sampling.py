@@ -102,17 +102,17 @@ def _select_levels(
     pixels: ShadedPixels,
     count: I64,
 ) -> bool:
-    """Fill ``level``, ``next_weight`` and ``sample_uv``; return True if any pixel is between two levels.
+    """Fill ``level``, ``next_level_weight`` and ``sample_uv``; return True if any pixel is between two levels.
 
     If the filter does not depend on the scale, ``level`` is 0 and not MAGNIFIED, and the filters of both are the same.
     If it does, ``uv_gradient`` is filled: ``materials`` sets ``reads_gradients`` by Sampler.depends_on_scale.
     """
-    depends_on_scale = texture.mips != MIPS_NONE or texture.mag_linear != texture.min_linear
+    depends_on_scale = texture.mip_mode != MIPS_NONE or texture.mag_linear != texture.min_linear
     width, height, zero = vec.f32(view.width), vec.f32(view.height), vec.f32(0.0)
     any_is_between = False
     for x in range(0, count, vec.LANES):
         u, v = _transformed_uv(uv_transform, uv, x)
-        level, next_weight = vec.i32(0), zero
+        level, next_level_weight = vec.i32(0), zero
         if depends_on_scale:
             squared_across, squared_down = squared_sides(
                 _transformed_gradient(uv_transform, uv_gradient, x), width, height
@@ -123,10 +123,10 @@ def _select_levels(
             if vec.movemask(minified) != 0:
                 minified_level, minified_weight = mip_levels(texture, squared_side)
                 level = vec.select(minified, minified_level, level)
-                next_weight = vec.select(minified, minified_weight, zero)
-                any_is_between = any_is_between or vec.movemask(next_weight > zero) != 0
+                next_level_weight = vec.select(minified, minified_weight, zero)
+                any_is_between = any_is_between or vec.movemask(next_level_weight > zero) != 0
         vec.store(pixels.level, x, level)
-        vec.store(pixels.next_weight, x, next_weight)
+        vec.store(pixels.next_level_weight, x, next_level_weight)
         vec.store(pixels.sample_uv, x, wrapped(u, view.wrap_s))
         vec.store(pixels.sample_uv, ROW_STRIDE + x, wrapped(v, view.wrap_t))
     return any_is_between
@@ -135,7 +135,7 @@ def _select_levels(
 @inlined
 def _any_between_levels(pixels: ShadedPixels, x: I64) -> bool:
     """Return True if any of eight pixels is between two mip levels."""
-    return vec.movemask(vec.load(pixels.next_weight, x) > vec.f32(0.0)) != 0
+    return vec.movemask(vec.load(pixels.next_level_weight, x) > vec.f32(0.0)) != 0
 
 
 @inlined
@@ -185,7 +185,7 @@ def _read_levels(
                 continue
             rgba = read_texels(view, offsets, weights, x, alpha)
             if k == 1:
-                rgba = _mix_with_stored(rows, x, rgba, vec.load(pixels.next_weight, x))
+                rgba = _mix_with_stored(rows, x, rgba, vec.load(pixels.next_level_weight, x))
             _store_texel(rows, x, rgba, alpha)
 
 

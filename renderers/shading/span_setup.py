@@ -1,6 +1,6 @@
 """Set-up of spans: attributes of eight spans at a time, as linear functions of the pixel.
 
-In: the spans of a segment, each with its first pixel and the primitive that it sees, and the vertices of the mesh.
+In: the spans of a part (see ``spans``), each with its first pixel and the primitive that it sees, and the mesh.
 Out: rows of SpanSums. For each attribute and for the sum of the weights, two values a span:
 
     weighted sum
@@ -10,8 +10,8 @@ Out: rows of SpanSums. For each attribute and for the sum of the weights, two va
         └─────────────── pixels of the span
 
 Weighted attribute and sum of the weights are each linear in the pixel. ``interpolation`` divides one by the other, so
-that attributes are perspective-correct. 1/depth, linear as well, flat normals, and, for texture filters, the changes of
-weights and texture coordinates per column and row of the image are set up only if shading reads them.
+that attributes are perspective-correct. If shading reads them, there are also 1/depth, linear as well, flat normals,
+and, for texture filters, the changes of weights and texture coordinates per column and row of the image.
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ from renderers.shading.layout import (
 from renderers.shading.span_weights import TRIANGLES, Weights, inverse_depths, rays_of, scaled_weights, weight_matrix
 from renderers.shading.vec3 import cross, dot, minus, store3, times, to_f32x3, transform_directions, transform_points
 
-_BITANGENT_SIGN: Final = EXTRA_TANGENT + 3
+_EXTRA_BITANGENT_SIGN: Final = EXTRA_TANGENT + 3
 _COLOR_COLUMNS: Final = 4
 _ALL_LANES: Final = (1 << vec.LANES) - 1
 _PREFETCH_MIN_PRIMITIVES: Final = 1 << 16
@@ -62,8 +62,8 @@ class CornerAttributes(NamedTuple, Generic[VertexValues]):
 
 
 class CornerIndices(NamedTuple):
-    """Indices of the vertices of eight primitives: a[i], b[i] and c[i] in lane k, where i = first_index[k]. Triangles:
-    b = a + 1, c = a + 2. Lines: b = c = a + 1. Points: b = c = a."""
+    """Three pointers into the array of indices: the vertices in lane k are a[i], b[i] and c[i], where
+    i = first_index[k]. Triangles: b is one entry after a, c two. Lines: both one. Points: all three are the same."""
 
     a: Pointer[U32]
     b: Pointer[U32]
@@ -72,28 +72,28 @@ class CornerIndices(NamedTuple):
 
 
 @device_function
-def set_up_part(context: ShadingContext, first_span: I64, part_end_span: I64, end_span: I64) -> bool:
+def set_up_part(context: ShadingContext, first_span: I64, part_end_span: I64, segment_end_span: I64) -> bool:
     """Fill SpanSums for a part of a segment: its spans ``first_span .. part_end_span``, at most MAX_PART_PIXELS.
 
     Args:
-        end_span: index after the segment's last span: spans from it on are not prefetched.
+        segment_end_span: index after the segment's last span; spans from it on are not prefetched.
 
     Returns:
         True if the normal is constant along each span.
     """
-    call_kernel(context.inputs.span_setup_kernel, (address(context), first_span, part_end_span, end_span))
+    call_kernel(context.inputs.span_setup_kernel, (address(context), first_span, part_end_span, segment_end_span))
     return context.has_constant_normals != 0
 
 
 @kernel
-def set_up_part_kernel(context_address: Address, first_span: I64, part_end_span: I64, end_span: I64) -> None:
+def set_up_part_kernel(context_address: Address, first_span: I64, part_end_span: I64, segment_end_span: I64) -> None:
     """Kernel behind ``set_up_part``, compiled once for all looks; the result is ``has_constant_normals``."""
     context, has_constant_normals = ShadingContext(context_address), True
     topology, primitive_count = context.instance.topology, context.end_id - context.first_id
     is_large_mesh = topology == TRIANGLES and primitive_count > _PREFETCH_MIN_PRIMITIVES
     for span in range(first_span, part_end_span, vec.LANES):
         if is_large_mesh:
-            _prefetch(context, span, end_span)
+            _prefetch(context, span, segment_end_span)
         span_count = min(part_end_span - span, vec.LANES)
         is_constant = _set_up_eight_spans(context, span, span_count, span - first_span)
         has_constant_normals = has_constant_normals and is_constant
@@ -101,68 +101,69 @@ def set_up_part_kernel(context_address: Address, first_span: I64, part_end_span:
 
 
 @inlined
-def _prefetch(context: ShadingContext, span: I64, end_span: I64) -> None:
+def _prefetch(context: ShadingContext, span: I64, segment_end_span: I64) -> None:
     """Prefetch vertices of the eight spans 16 ahead of ``span``, and indices of those 32 ahead.
 
     Meshes of a million triangles do not fit the second-level cache: without this, frames take a third longer.
     """
     primitive_ids, first_id = context.span_ids, context.first_id
     indices, vertices = context.instance.indices, context.instance.vertices
-    for k in range(min(span + 2 * vec.LANES, end_span), min(span + 3 * vec.LANES, end_span)):
+    for k in range(min(span + 2 * vec.LANES, segment_end_span), min(span + 3 * vec.LANES, segment_end_span)):
         first_index = 3 * (i64(primitive_ids[k]) - first_id)
         for corner in range(3):
             vec.prefetch(vertices, i64(indices[first_index + corner]) * VERTEX_COLUMNS)
-    for k in range(min(span + 4 * vec.LANES, end_span), min(span + 5 * vec.LANES, end_span)):
+    for k in range(min(span + 4 * vec.LANES, segment_end_span), min(span + 5 * vec.LANES, segment_end_span)):
         vec.prefetch(indices, 3 * (i64(primitive_ids[k]) - first_id))
 
 
 @device_function
 def _set_up_eight_spans(context: ShadingContext, span: I64, span_count: I64, slot: I64) -> bool:
-    """Set up 1 to 8 spans from ``span`` on: the eight values from ``slot`` on of each row of SpanSums.
+    """Set up 1 to 8 spans from ``span`` on, whose values in each row of SpanSums begin at ``slot``.
 
     Returns:
         True if the normal is constant along each span.
     """
-    sums, material, attributes = context.span_sums, context.material, context.attributes
+    sums, material, attributes = context.span_sums, context.material, context.used_attributes
     # Pixels and primitive. Lanes beyond the last span get its values: what follows it may belong to other instances.
-    lane = vec.minimum(vec.iota(), vec.i32(span_count - 1))
-    primitive_id = vec.permute(vec.load(context.span_ids, span), lane)
-    first_pixel = vec.permute(vec.load(context.span_starts, span), lane)
-    end_pixel = vec.permute(vec.load(context.span_starts, span + 1), lane)
-    step_count = vec.to_f64(end_pixel - first_pixel - vec.i32(1))
+    source_lane = vec.minimum(vec.iota(), vec.i32(span_count - 1))
+    primitive_id = vec.permute(vec.load(context.span_ids, span), source_lane)
+    first_pixel = vec.permute(vec.load(context.span_starts, span), source_lane)
+    end_pixel = vec.permute(vec.load(context.span_starts, span + 1), source_lane)
+    steps_to_last = vec.to_f64(end_pixel - first_pixel - vec.i32(1))
     first_column = first_pixel
     if context.columns != 0:
         first_column = vec.gather(i32_at(context.columns), first_pixel)
 
     # Vertices, in the camera's optical frame: x right, y down, z forward.
     corner_indices = _corner_indices(context, primitive_id)
-    corner_values = _load_eight_values(context.instance.vertices, corner_indices)
+    corner_values = _load_vertex_rows(context.instance.vertices, corner_indices)
     p0 = transform_points(context.X_camera_mesh, corner_values.a)
     p1 = transform_points(context.X_camera_mesh, corner_values.b)
     p2 = transform_points(context.X_camera_mesh, corner_values.c)
 
-    # Weights.
-    rays = rays_of(context.inputs, context.y, first_column, step_count)
-    matrix, determinant, sign = weight_matrix(context.instance.topology, p0, p1, p2, rays)
-    weights = scaled_weights(matrix, sign, rays, step_count, context.inputs)
-    # Fronts are counter-clockwise, unless the transform mirrors. The determinant is positive of clockwise triangles.
+    # Weights, first column and facing.
+    rays = rays_of(context.inputs, context.y, first_column, steps_to_last)
+    matrix, determinant, weight_sign = weight_matrix(context.instance.topology, p0, p1, p2, rays)
+    weights = scaled_weights(matrix, weight_sign, rays, steps_to_last, context.inputs)
+    # Fronts are counter-clockwise, determinant < 0, unless the transform mirrors. Lines and points are not lit.
     mirror_sign = vec.f32(context.matrices.mirror_sign)
     facing = vec.select(determinant > vec.f64(0.0), -mirror_sign, mirror_sign)
-
-    # Attributes that the mesh has and the material reads.
     vec.store(sums.first_column, slot, vec.to_f32(first_column))
     vec.store(sums.facing, slot, facing)
     _store_weight_sums(advance(sums.weight_sum, slot), weights.start, weights.per_pixel)
-    has_vertex_normals, has_constant_normals = attributes & HAS_NORMALS != 0, True
+
+    # Attributes that the mesh has and the material reads.
+    has_vertex_normals = (attributes & HAS_NORMALS) != 0
+    has_constant_normals = True
     if has_vertex_normals:
         has_constant_normals = _store_normals(context, slot, weights, corner_values, facing)
     if not has_vertex_normals or context.inputs.reads_flat_normals != 0:
-        _store_flat_normals(context, slot, p0, p1, p2, sign)
+        _store_flat_normals(context, slot, p0, p1, p2, weight_sign)
     if attributes & HAS_UV0:
         _store_attributes(advance(sums.uv, slot), 2, weights.start, weights.per_pixel, corner_values, VERTEX_UV0)
     if context.inputs.reads_positions != 0:
         depths = p0[2], p1[2], p2[2]
-        inv_depth, per_pixel = inverse_depths(matrix, determinant, sign, rays, step_count, depths)
+        inv_depth, per_pixel = inverse_depths(matrix, determinant, weight_sign, rays, steps_to_last, depths)
         vec.store(sums.inv_depth, slot, vec.to_f32(inv_depth))
         vec.store(sums.inv_depth, ROW_STRIDE + slot, vec.to_f32(per_pixel))
     if material.reads_gradients != 0:
@@ -171,21 +172,22 @@ def _set_up_eight_spans(context: ShadingContext, span: I64, span_count: I64, slo
         colors = _load_colors(context.instance.colors, corner_indices)
         _store_attributes(advance(sums.color, slot), _COLOR_COLUMNS, weights.start, weights.per_pixel, colors, 0)
     if attributes & (HAS_UV1 | HAS_TANGENTS):
-        _store_extras(context, slot, weights, _load_eight_values(context.instance.extras, corner_indices))
+        _store_extras(context, slot, weights, _load_vertex_rows(context.instance.extras, corner_indices))
     return has_constant_normals
 
 
 @inlined
 def _corner_indices(context: ShadingContext, primitive_id: I32x8) -> CornerIndices:
-    """Return where the vertices of eight primitives are. The last vertex of lines and points counts twice or thrice."""
-    indices, topology = context.instance.indices, context.instance.topology
-    b, c = advance(indices, min(topology, 2) - 1), advance(indices, topology - 1)
-    return CornerIndices(indices, b, c, (primitive_id - vec.i32(context.first_id)) * vec.i32(topology))
+    """Return where the vertices of eight primitives are. Lines and points repeat their last one."""
+    indices, vertices_per_primitive = context.instance.indices, context.instance.topology
+    b = advance(indices, min(vertices_per_primitive, 2) - 1)
+    c = advance(indices, vertices_per_primitive - 1)
+    return CornerIndices(indices, b, c, (primitive_id - vec.i32(context.first_id)) * vec.i32(vertices_per_primitive))
 
 
 @inlined
-def _load_eight_values(table: Pointer[F32], corner_indices: CornerIndices) -> CornerAttributes[F32x8x8]:
-    """Return the vertices' values in a table of eight columns."""
+def _load_vertex_rows(table: Pointer[F32], corner_indices: CornerIndices) -> CornerAttributes[F32x8x8]:
+    """Return the vertices' rows in a table of eight columns."""
     a, b, c, first_index = corner_indices
     return CornerAttributes(
         vec.load_rows(table, a, first_index), vec.load_rows(table, b, first_index), vec.load_rows(table, c, first_index)
@@ -223,16 +225,18 @@ def _weighted_sum3(weights: F32x8x3, corner_values: CornerAttributes[F32x8x8], k
 @inlined
 def _store_attributes(
     rows: Pointer[F32],
-    row_count: I64,
+    component_count: I64,
     first_weights: F32x8x3,
     second_weights: F32x8x3,
     corner_values: CornerAttributes[VertexValues],
-    first_value: I64,
+    first_component: I64,
 ) -> None:
-    """Store the sums of value j by ``first_weights`` in row j, and by ``second_weights`` in row ``row_count`` + j."""
-    for j in range(row_count):
-        vec.store(rows, j * ROW_STRIDE, _weighted_sum(first_weights, corner_values, first_value + j))
-        vec.store(rows, (row_count + j) * ROW_STRIDE, _weighted_sum(second_weights, corner_values, first_value + j))
+    """Store weighted sums of the components from ``first_component`` on, one a row: first all those by
+    ``first_weights``, then all by ``second_weights``."""
+    for j in range(component_count):
+        vec.store(rows, j * ROW_STRIDE, _weighted_sum(first_weights, corner_values, first_component + j))
+        second_row = (component_count + j) * ROW_STRIDE
+        vec.store(rows, second_row, _weighted_sum(second_weights, corner_values, first_component + j))
 
 
 @inlined
@@ -247,38 +251,42 @@ def _store_normals(
     context: ShadingContext, slot: I64, weights: Weights, corner_values: CornerAttributes[F32x8x8], facing: F32x8
 ) -> bool:
     """Store sums of vertex normals, any length; return True if constant along spans. ``facing``: as in SpanSums."""
-    normals, matrix = advance(context.span_sums.normal, slot), context.matrices.normal
+    normals, normal_matrix = advance(context.span_sums.normal, slot), context.matrices.normal
     a, b, c = corner_values
-    x, y, z = VERTEX_NORMAL, VERTEX_NORMAL + 1, VERTEX_NORMAL + 2
-    is_same = (a[x] == b[x]) & (a[y] == b[y]) & (a[z] == b[z])
-    is_same = is_same & (a[x] == c[x]) & (a[y] == c[y]) & (a[z] == c[z])
+    nx, ny, nz = VERTEX_NORMAL, VERTEX_NORMAL + 1, VERTEX_NORMAL + 2
+    is_same = (a[nx] == b[nx]) & (a[ny] == b[ny]) & (a[nz] == b[nz])
+    is_same = is_same & (a[nx] == c[nx]) & (a[ny] == c[ny]) & (a[nz] == c[nz])
     is_constant = vec.movemask(is_same) == _ALL_LANES
     zero = vec.f32(0.0)
-    start, per_pixel = (a[x], a[y], a[z]), (zero, zero, zero)
+    # Unweighted ones will do, since ``interpolate`` does not divide normals by the sum of the weights.
+    start, per_pixel = (a[nx], a[ny], a[nz]), (zero, zero, zero)
     if not is_constant:
         start = _weighted_sum3(weights.start, corner_values, VERTEX_NORMAL)
         per_pixel = _weighted_sum3(weights.per_pixel, corner_values, VERTEX_NORMAL)
-    store3(normals, 0, ROW_STRIDE, times(transform_directions(matrix, start), facing))
-    store3(advance(normals, 3 * ROW_STRIDE), 0, ROW_STRIDE, times(transform_directions(matrix, per_pixel), facing))
+    store3(normals, 0, ROW_STRIDE, times(transform_directions(normal_matrix, start), facing))
+    changes = advance(normals, 3 * ROW_STRIDE)
+    store3(changes, 0, ROW_STRIDE, times(transform_directions(normal_matrix, per_pixel), facing))
     return is_constant
 
 
 @inlined
-def _store_flat_normals(context: ShadingContext, slot: I64, p0: F64x8x3, p1: F64x8x3, p2: F64x8x3, sign: F64x8) -> None:
+def _store_flat_normals(
+    context: ShadingContext, slot: I64, p0: F64x8x3, p1: F64x8x3, p2: F64x8x3, weight_sign: F64x8
+) -> None:
     """Store the unit normals of triangles, 0 for lines and points; without HAS_NORMALS also as vertex normals.
 
     Args:
         p0, p1, p2: vertices, metres, optical frame.
-        sign: of ``weight_matrix``.
+        weight_sign: of ``weight_matrix``.
     """
     sums, zero, one = context.span_sums, vec.f64(0.0), vec.f64(1.0)
     plane_normal = cross(minus(p1, p0), minus(p2, p0))
     length = vec.sqrt(dot(plane_normal, plane_normal))
     has_length = (length > zero) & (length < vec.f64(math.inf))
-    # plane_normal . p0 is the determinant, which is negative where plane_normal faces the camera.
-    scale = vec.select(has_length, (zero - sign) / vec.select(has_length, length, one), zero)
+    # Where plane_normal faces the camera, plane_normal . p0, the determinant, is negative, and weight_sign is -1.
+    scale = vec.select(has_length, (zero - weight_sign) / vec.select(has_length, length, one), zero)
     normal = to_f32x3(times(plane_normal, scale))
-    if not context.attributes & HAS_NORMALS:  # of unlit materials, too: ``interpolate`` always reads ``normal``
+    if (context.used_attributes & HAS_NORMALS) == 0:  # ``interpolate`` reads ``normal`` even for unlit materials
         store3(advance(sums.normal, slot), 0, ROW_STRIDE, normal)
         no_change = vec.f32(0.0), vec.f32(0.0), vec.f32(0.0)
         store3(advance(sums.normal, 3 * ROW_STRIDE + slot), 0, ROW_STRIDE, no_change)
@@ -290,22 +298,22 @@ def _store_gradients(
     context: ShadingContext, slot: I64, weights: Weights, corner_values: CornerAttributes[F32x8x8]
 ) -> None:
     """Store how the sums of the weights and of uv0 change per column and row of the image; uv1's: ``_store_extras``."""
-    across, down = weights.per_column, weights.per_row
-    _store_weight_sums(advance(context.span_sums.weight_sum_gradient, slot), across, down)
-    if context.attributes & HAS_UV0:
-        _store_attributes(advance(context.span_sums.uv_gradient, slot), 2, across, down, corner_values, VERTEX_UV0)
+    sums, per_column, per_row = context.span_sums, weights.per_column, weights.per_row
+    _store_weight_sums(advance(sums.weight_sum_gradient, slot), per_column, per_row)
+    if context.used_attributes & HAS_UV0:
+        _store_attributes(advance(sums.uv_gradient, slot), 2, per_column, per_row, corner_values, VERTEX_UV0)
 
 
 @inlined
 def _store_extras(context: ShadingContext, slot: I64, weights: Weights, extras: CornerAttributes[F32x8x8]) -> None:
     """Store weighted sums of uv1 and of tangents."""
-    sums, uv1_slot = context.span_sums, UV_SET_ROWS * ROW_STRIDE + slot
-    if context.attributes & HAS_UV1:
-        _store_attributes(advance(sums.uv, uv1_slot), 2, weights.start, weights.per_pixel, extras, EXTRA_UV1)
+    sums, uv1_offset = context.span_sums, UV_SET_ROWS * ROW_STRIDE + slot
+    if context.used_attributes & HAS_UV1:
+        _store_attributes(advance(sums.uv, uv1_offset), 2, weights.start, weights.per_pixel, extras, EXTRA_UV1)
         if context.material.reads_gradients != 0:
-            across, down = weights.per_column, weights.per_row
-            _store_attributes(advance(sums.uv_gradient, uv1_slot), 2, across, down, extras, EXTRA_UV1)
-    if context.attributes & HAS_TANGENTS:
+            per_column, per_row = weights.per_column, weights.per_row
+            _store_attributes(advance(sums.uv_gradient, uv1_offset), 2, per_column, per_row, extras, EXTRA_UV1)
+    if context.used_attributes & HAS_TANGENTS:
         tangents = advance(sums.tangent, slot)
         _store_tangents(context, tangents, weights.start, extras)
         _store_tangents(context, advance(tangents, 4 * ROW_STRIDE), weights.per_pixel, extras)
@@ -318,4 +326,4 @@ def _store_tangents(
     """Store the weighted sums of tangents, in the optical frame, and of the signs of the bitangent."""
     tangents = _weighted_sum3(weights, extras, EXTRA_TANGENT)
     store3(rows, 0, ROW_STRIDE, transform_directions(context.matrices.tangent, tangents))
-    vec.store(rows, 3 * ROW_STRIDE, _weighted_sum(weights, extras, _BITANGENT_SIGN))
+    vec.store(rows, 3 * ROW_STRIDE, _weighted_sum(weights, extras, _EXTRA_BITANGENT_SIGN))

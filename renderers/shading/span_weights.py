@@ -47,18 +47,18 @@ class Rays(NamedTuple):
 
 
 @inlined
-def rays_of(inputs: ShadingInputs, y: I64, first_column: I32x8, step_count: F64x8) -> Rays:
+def rays_of(inputs: ShadingInputs, y: I64, first_column: I32x8, steps_to_last: F64x8) -> Rays:
     """Return the Rays of spans.
 
     Args:
         y: row of the image.
         first_column: column of the image of the first pixel.
-        step_count: number of pixels after the first one.
+        steps_to_last: number of steps from the first pixel to the last.
     """
     pixel_width, pixel_height = vec.f64(1.0 / inputs.fx), vec.f64(1.0 / inputs.fy)  # in the plane z = 1
     first_x = (vec.to_f64(first_column) + vec.f64(0.5 - inputs.cx)) * pixel_width
     ray_y = vec.f64(y + 0.5 - inputs.cy) * pixel_height
-    return Rays(first_x=first_x, last_x=first_x + step_count * pixel_width, y=ray_y)
+    return Rays(first_x=first_x, last_x=first_x + steps_to_last * pixel_width, y=ray_y)
 
 
 @inlined
@@ -114,35 +114,35 @@ def weight_matrix(
 
     Returns:
         matrix: three rows of three f64x8, one row for each vertex.
-        sign: 1 or -1: the factor that makes the weights positive.
+        weight_sign: 1 or -1: the factor that makes the weights positive.
     """
     zero, one = vec.f64(0.0), vec.f64(1.0)
     if topology == TRIANGLES:
         matrix = cross(p1, p2), cross(p2, p0), cross(p0, p1)
         determinant = dot(p0, matrix[0])
         # Negative where the vertices run counter-clockwise as seen, which is the front unless the transform mirrors.
-        sign = vec.select(determinant < zero, -one, one)
+        weight_sign = vec.select(determinant < zero, -one, one)
     else:
         # Points are lines of length 0: their weights are all 0, and scaled_weights takes the mean of equal vertices.
         matrix, determinant = _line_weights(p0, p1)
         # The determinant s . s is positive, so the sum of the weights is positive in front of the camera.
         weight_sum = _dot_ray(matrix[0], rays.first_x, rays.y) + _dot_ray(matrix[1], rays.first_x, rays.y)
-        sign = vec.select(weight_sum < zero, -one, one)
-    return matrix, determinant, sign
+        weight_sign = vec.select(weight_sum < zero, -one, one)
+    return matrix, determinant, weight_sign
 
 
 @inlined
-def _weights_at(matrix: tuple[F64x8x3, F64x8x3, F64x8x3], sign: F64x8, ray_x: F64x8, ray_y: F64x8) -> F64x8x3:
-    """Return the weights at the ray (ray_x, ray_y, 1); ``matrix`` and ``sign`` from ``weight_matrix``.
+def _weights_at(matrix: tuple[F64x8x3, F64x8x3, F64x8x3], weight_sign: F64x8, ray_x: F64x8, ray_y: F64x8) -> F64x8x3:
+    """Return the weights at the ray (ray_x, ray_y, 1); ``matrix`` and ``weight_sign`` from ``weight_matrix``.
 
     Coverage is exact to 1/256 pixel, so that pixel centres may be a little outside of the triangle. Negative weights at
     the ends of a span become 0: nothing is extrapolated.
     """
     zero = vec.f64(0.0)
     return (
-        vec.maximum(sign * _dot_ray(matrix[0], ray_x, ray_y), zero),
-        vec.maximum(sign * _dot_ray(matrix[1], ray_x, ray_y), zero),
-        vec.maximum(sign * _dot_ray(matrix[2], ray_x, ray_y), zero),
+        vec.maximum(weight_sign * _dot_ray(matrix[0], ray_x, ray_y), zero),
+        vec.maximum(weight_sign * _dot_ray(matrix[1], ray_x, ray_y), zero),
+        vec.maximum(weight_sign * _dot_ray(matrix[2], ray_x, ray_y), zero),
     )
 
 
@@ -150,9 +150,9 @@ def _weights_at(matrix: tuple[F64x8x3, F64x8x3, F64x8x3], sign: F64x8, ray_x: F6
 def inverse_depths(
     matrix: tuple[F64x8x3, F64x8x3, F64x8x3],
     determinant: F64x8,
-    sign: F64x8,
+    weight_sign: F64x8,
     rays: Rays,
-    step_count: F64x8,
+    steps_to_last: F64x8,
     depths: F64x8x3,
 ) -> tuple[F64x8, F64x8]:
     """Return 1/depth at the first pixel of spans, 1/m, and its change per pixel.
@@ -161,8 +161,8 @@ def inverse_depths(
     sum gives another depth: with several samples per pixel, slivers are shaded as if they were many pixels away.
 
     Args:
-        matrix, determinant, sign: from ``weight_matrix``.
-        rays, step_count: as in ``rays_of``.
+        matrix, determinant, weight_sign: from ``weight_matrix``.
+        rays, steps_to_last: as in ``rays_of``.
         depths: of the vertices, metres.
     """
     zero, one, infinity = vec.f64(0.0), vec.f64(1.0), vec.f64(math.inf)
@@ -170,7 +170,7 @@ def inverse_depths(
     farthest = vec.maximum(vec.maximum(depths[0], depths[1]), depths[2])
     lower = vec.select(farthest > zero, one / farthest, zero)
     upper = vec.select(nearest > zero, one / nearest, infinity)
-    scale = sign / vec.absolute(determinant)
+    scale = weight_sign / vec.absolute(determinant)
     plane = (
         matrix[0][0] + matrix[1][0] + matrix[2][0],
         matrix[0][1] + matrix[1][1] + matrix[2][1],
@@ -182,12 +182,16 @@ def inverse_depths(
     first = vec.select(first == first, vec.maximum(vec.minimum(first, upper), lower), upper)
     last = vec.select(last == last, vec.maximum(vec.minimum(last, upper), lower), upper)
     change = last - first
-    return first, vec.select(vec.absolute(change) < infinity, change, zero) / vec.maximum(step_count, one)
+    return first, vec.select(vec.absolute(change) < infinity, change, zero) / vec.maximum(steps_to_last, one)
 
 
 @inlined
 def scaled_weights(
-    matrix: tuple[F64x8x3, F64x8x3, F64x8x3], sign: F64x8, rays: Rays, step_count: F64x8, inputs: ShadingInputs
+    matrix: tuple[F64x8x3, F64x8x3, F64x8x3],
+    weight_sign: F64x8,
+    rays: Rays,
+    steps_to_last: F64x8,
+    inputs: ShadingInputs,
 ) -> Weights:
     """Return the Weights.
 
@@ -195,19 +199,19 @@ def scaled_weights(
     attributes are divided by the sum of the weights.
 
     Args:
-        matrix, sign: from ``weight_matrix``.
-        rays, step_count, inputs: as in ``rays_of``.
+        matrix, weight_sign: from ``weight_matrix``.
+        rays, steps_to_last, inputs: as in ``rays_of``.
     """
     zero, one, infinity = vec.f64(0.0), vec.f64(1.0), vec.f64(math.inf)
-    first = _weights_at(matrix, sign, rays.first_x, rays.y)
-    last = _weights_at(matrix, sign, rays.last_x, rays.y)
+    first = _weights_at(matrix, weight_sign, rays.first_x, rays.y)
+    last = _weights_at(matrix, weight_sign, rays.last_x, rays.y)
     first_sum, last_sum = first[0] + first[1] + first[2], last[0] + last[1] + last[2]
     is_usable = (first_sum > zero) & (first_sum < infinity) & (last_sum > zero) & (last_sum < infinity)
     scale = vec.select(is_usable, one / first_sum, zero)
-    step_scale = scale / vec.maximum(step_count, one)  # in spans of one pixel, last - first is 0
+    step_scale = scale / vec.maximum(steps_to_last, one)  # in spans of one pixel, last - first is 0
     third = vec.f64(1.0 / 3.0)  # weights that are not usable: the centroid
     # Infinite rows make these NaN, which ``sampling`` takes for a magnified texture.
-    x_scale, y_scale = scale * sign * vec.f64(1.0 / inputs.fx), scale * sign * vec.f64(1.0 / inputs.fy)
+    x_scale, y_scale = scale * weight_sign * vec.f64(1.0 / inputs.fx), scale * weight_sign * vec.f64(1.0 / inputs.fy)
     return Weights(
         start=to_f32x3(select3(is_usable, times(first, scale), (third, third, third))),
         per_pixel=to_f32x3(select3(is_usable, times(minus(last, first), step_scale), (zero, zero, zero))),

@@ -4,7 +4,9 @@ primitive ids   7 7 7 7 3 3 9 9 9 . . 7     instance A has the ids 0 to 8, B tho
 start bits      1 0 0 0 1 0 1 0 1 1 0 1     ``find_spans``: the id differs from the one before, or pixel 0, 4, 8, ...
 spans           |7      |3  |9  |9|.  |7    a . is the background, whose segments have no instance and are not shaded
 segments        |A          |B    |   |A    ``bind_next_segment`` selects the segment's instance and material
-parts           |       |   |   | |   |     ``next_part``: segments are cut at pixels 4, 8, ..., and shaded part by part
+parts           |       |   |   | |   |     ``find_part_end``: segments are cut at pixels 4, 8, ..., and shaded by parts
+
+The ``shade_rows`` of a look calls these functions in this order.
 """
 
 from __future__ import annotations
@@ -68,15 +70,15 @@ def _span_offsets() -> NDArray[np.int32]:
 
 
 SPAN_OFFSETS: Final = _span_offsets()
-"""(128, 8): the index of each of eight pixels' spans, counted from that of pixel 0. Row r: for the start bits r, whose
-bit k belongs to pixel k + 1."""
+"""(128, 8): the index of each of eight pixels' spans, counted from that of pixel 0; for ``interpolate``. Row r: for the
+start bits r, whose bit k belongs to pixel k + 1. Row 0b101, pixels 1 and 3: 0 1 1 2 2 2 2 2."""
 
 
 @device_function
 def allocate_row_memory(
     context: ShadingContext, inputs: ShadingInputs, max_pixels: I64, span_sums: SpanSums, pixels: ShadedPixels
 ) -> None:
-    """Give a ShadingContext its working memory for rows of at most ``max_pixels``; ``free_row_memory`` frees it."""
+    """Set inputs and memory of a ShadingContext, for rows of at most ``max_pixels``; ``free_row_memory`` frees it."""
     context.inputs, context.span_sums, context.pixels = inputs, span_sums, pixels
     # ``interpolation`` reads words up to pixel_count // 64 + 1, and does not use bits of pixels from pixel_count on.
     context.start_bits = i64_at(allocate(8 * (max_pixels // _PIXELS_PER_WORD + 2)))
@@ -110,12 +112,12 @@ def find_spans(context: ShadingContext, y: I64, columns: Address, pixel_ids: Poi
     context.y, context.columns = y, columns
     _pad_ids(context.padded_ids, pixel_ids, pixel_count)
     span_count = i64(0)
-    for first_pixel in range(0, pixel_count, _PIXELS_PER_WORD):
-        bits = i64(_ALL_BITS) if columns != 0 else _start_bits(context.padded_ids, first_pixel)
-        context.start_bits[first_pixel // _PIXELS_PER_WORD] = bits
-        if pixel_count - first_pixel < _PIXELS_PER_WORD:
-            bits &= (i64(1) << (pixel_count - first_pixel)) - 1
-        _append_spans(context, first_pixel, bits, span_count)
+    for word_start in range(0, pixel_count, _PIXELS_PER_WORD):
+        bits = i64(_ALL_BITS) if columns != 0 else _start_bits(context.padded_ids, word_start)
+        context.start_bits[word_start // _PIXELS_PER_WORD] = bits  # those beyond the row are not used
+        if pixel_count - word_start < _PIXELS_PER_WORD:
+            bits &= (i64(1) << (pixel_count - word_start)) - 1
+        _append_spans(context, word_start, bits, span_count)
         span_count += vec.count_bits(bits)
     vec.store(context.span_starts, span_count, vec.i32(pixel_count))  # where the last span ends
     return span_count
@@ -133,47 +135,27 @@ def _pad_ids(padded_ids: Pointer[I32], pixel_ids: Pointer[I32], pixel_count: I64
 
 
 @inlined
-def _start_bits(padded_ids: Pointer[I32], first_pixel: I64) -> I64:
-    """Return a word of start bits: a bit for each pixel from ``first_pixel`` on, set where the id before differs."""
+def _start_bits(padded_ids: Pointer[I32], word_start: I64) -> I64:
+    """Return a word of start bits: a bit for each pixel from ``word_start`` on, set where a span begins."""
     ids, ids_before = advance(padded_ids, vec.LANES), advance(padded_ids, vec.LANES - 1)
-    bits = i64(first_pixel % MAX_PART_PIXELS == 0)
+    bits = i64(word_start % MAX_PART_PIXELS == 0)
     for k in range(0, _PIXELS_PER_WORD, vec.LANES):
-        bits |= vec.movemask(vec.load(ids, first_pixel + k) != vec.load(ids_before, first_pixel + k)) << k
+        bits |= vec.movemask(vec.load(ids, word_start + k) != vec.load(ids_before, word_start + k)) << k
     return bits
 
 
 @inlined
-def _append_spans(context: ShadingContext, first_pixel: I64, bits: I64, span_count: I64) -> None:
-    """Append the spans of a word of start bits to the ``span_count`` before; bit 0 belongs to ``first_pixel``.
+def _append_spans(context: ShadingContext, word_start: I64, bits: I64, span_count: I64) -> None:
+    """Append the spans of a word of start bits to the ``span_count`` before; bit 0 belongs to ``word_start``.
 
     Eight at a time, since a branch per span would be unpredictable. What is stored beyond the last span is never used.
     """
     ids, starts, span_ids = advance(context.padded_ids, vec.LANES), context.span_starts, context.span_ids
     for first_span in range(span_count, span_count + vec.count_bits(bits), vec.LANES):
         for k in range(first_span, first_span + vec.LANES):
-            start = first_pixel + vec.lowest_bit(bits | _HIGHEST_BIT)  # never of 0, where it is undefined
+            start = word_start + vec.lowest_bit(bits | _HIGHEST_BIT)  # lowest_bit(0) is undefined
             starts[k], span_ids[k] = start, ids[start]
             bits &= bits - 1
-
-
-@inlined
-def next_part(context: ShadingContext, span: I64, begin_pixel: I64, segment_end_pixel: I64) -> PartEnd:
-    """Return the end of the next part of a segment.
-
-    Args:
-        span: the part's first span.
-        begin_pixel: index in the row of the part's first pixel.
-        segment_end_pixel: index in the row after the segment's last pixel.
-    """
-    end_pixel, end_span = min(segment_end_pixel, (begin_pixel & -MAX_PART_PIXELS) + MAX_PART_PIXELS), span
-    for first_pixel in range(begin_pixel & -_PIXELS_PER_WORD, end_pixel, _PIXELS_PER_WORD):
-        bits = context.start_bits[first_pixel // _PIXELS_PER_WORD]
-        if first_pixel < begin_pixel:
-            bits &= i64(_ALL_BITS) << (begin_pixel - first_pixel)
-        if end_pixel - first_pixel < _PIXELS_PER_WORD:
-            bits &= (i64(1) << (end_pixel - first_pixel)) - 1
-        end_span += vec.count_bits(bits)
-    return PartEnd(end_pixel, end_span)
 
 
 @device_function
@@ -207,7 +189,7 @@ def _bind_instance(context: ShadingContext, index: I64) -> None:
     """Set the fields of a ShadingContext that depend on the instance, given by its index in the draw list."""
     inputs = context.inputs
     instance = inputs.instances[index]
-    material = inputs.materials[instance.material]
+    material = inputs.materials[instance.material_index]
     context.first_id, context.end_id = inputs.first_ids[index], inputs.first_ids[index + 1]
     context.instance, context.material = instance, material
     context.matrices = inputs.matrices[index]
@@ -221,4 +203,24 @@ def _bind_instance(context: ShadingContext, index: I64) -> None:
         read_attributes |= HAS_UV0
     if material.uv_sets & 2:
         read_attributes |= HAS_UV1
-    context.attributes = instance.attributes & read_attributes
+    context.used_attributes = instance.attributes & read_attributes
+
+
+@inlined
+def find_part_end(context: ShadingContext, span: I64, begin_pixel: I64, segment_end_pixel: I64) -> PartEnd:
+    """Return the end of the next part of a segment.
+
+    Args:
+        span: the part's first span.
+        begin_pixel: index in the row of the part's first pixel.
+        segment_end_pixel: index in the row after the segment's last pixel.
+    """
+    end_pixel, end_span = min(segment_end_pixel, (begin_pixel & -MAX_PART_PIXELS) + MAX_PART_PIXELS), span
+    for word_start in range(begin_pixel & -_PIXELS_PER_WORD, end_pixel, _PIXELS_PER_WORD):
+        bits = context.start_bits[word_start // _PIXELS_PER_WORD]
+        if word_start < begin_pixel:
+            bits &= i64(_ALL_BITS) << (begin_pixel - word_start)
+        if end_pixel - word_start < _PIXELS_PER_WORD:
+            bits &= (i64(1) << (end_pixel - word_start)) - 1
+        end_span += vec.count_bits(bits)
+    return PartEnd(end_pixel, end_span)

@@ -55,14 +55,18 @@ class TextureTable:
             sampler = texture.sampler
             decoded = texels_of(texture.image)
             texels, (height, width) = decoded.rows, decoded.size
-            last_level, mips = 0, MIPS_NONE
+            last_level, mip_mode = 0, MIPS_NONE
             if sampler.mipmaps and max(width, height) > 1:
                 texels, last_level = mip_level_rows(texture.image, srgb), max(width, height).bit_length() - 1
-                mips = MIPS_LINEAR if sampler.mip_linear else MIPS_NEAREST
+                mip_mode = MIPS_LINEAR if sampler.mip_linear else MIPS_NEAREST
             struct["texels"], struct["stride"] = address_of(texels, np.uint8), texels.shape[1]
             struct["width"], struct["height"], struct["last_level"] = width, height, last_level
             struct["wrap_s"], struct["wrap_t"] = _WRAPS[sampler.wrap_s], _WRAPS[sampler.wrap_t]
-            struct["mag_linear"], struct["min_linear"], struct["mips"] = sampler.mag_linear, sampler.min_linear, mips
+            struct["mag_linear"], struct["min_linear"], struct["mip_mode"] = (
+                sampler.mag_linear,
+                sampler.min_linear,
+                mip_mode,
+            )
             struct["uv_set"], struct["srgb"] = texture.uv_set, srgb
             with np.errstate(over="ignore"):  # a transform beyond the range of float32 becomes infinite
                 struct["uv_transform"] = texture.uv_transform or (1.0, 0.0, 0.0, 0.0, 1.0, 0.0)

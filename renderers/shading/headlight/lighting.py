@@ -100,7 +100,7 @@ def _shade_unlit(
 ) -> None:
     """Show the base colour."""
     direct, material, pixels = job.mode == DIRECT, context.material, context.pixels
-    is_linear = material.stored_by_gamma != 0
+    is_linear = material.encodes_gamma != 0
     lamp_share = _row_of(job, job.lamp_share, context, begin)
     for x in range(0, count, vec.LANES):
         _store_pixels(job, pixels, is_linear, direct, packed_row, begin, x, _base_color(material, pixels, has_rows, x))
@@ -180,7 +180,7 @@ def _shade_pbr(
             vtk_reflected(n_l, specular, fresnel, diffuse[2], f0[2], f90_minus_f0[2]) * unoccluded + emitted[2],
         )
         if has_camera_light:
-            red, green, blue = load3(pixels.sampled, x, ROW_STRIDE)
+            red, green, blue = load3(pixels.scratch_color, x, ROW_STRIDE)
             rgb = (
                 rgb[0] + red * (diffuse[0] + f0[0] * inv_pi),
                 rgb[1] + green * (diffuse[1] + f0[1] * inv_pi),

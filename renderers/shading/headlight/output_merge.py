@@ -77,7 +77,7 @@ def gather(job: HeadlightInputs, context: ShadingContext, begin: I64, end: I64) 
     """
     gathered, channel_size = _gathered_row(job, context.y)
     pixels, alpha_mode, cutoff = context.pixels, context.material.alpha_mode, context.material.alpha_cutoff
-    is_linear = context.material.stored_by_gamma != 0
+    is_linear = context.material.encodes_gamma != 0
     zero, one, lane = vec.f32(0.0), vec.f32(1.0), vec.iota()
     for x in range(begin, end, vec.LANES):
         transmittance = vec.load_volatile(gathered, 3 * channel_size + x)  # volatile: no masked stores, see ``simd``
@@ -115,7 +115,7 @@ def _blended_under(
 def write_under(job: HeadlightInputs, context: ShadingContext, begin: I64, end: I64, packed_row: Pointer[I32]) -> None:
     """Write the row's pixels ``begin .. end``, blended under the gathered layers; see ``gather``."""
     gathered, channel_size = _gathered_row(job, context.y)
-    pixels, is_linear = context.pixels, context.material.stored_by_gamma != 0
+    pixels, is_linear = context.pixels, context.material.encodes_gamma != 0
     for x in range(begin, end, vec.LANES):
         r, g, b = load3(pixels.base_color, x - begin, ROW_STRIDE)
         r, g, b = _encoded(job, is_linear, r), _encoded(job, is_linear, g), _encoded(job, is_linear, b)

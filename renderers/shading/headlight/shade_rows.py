@@ -14,7 +14,7 @@ from renderers.shading.interpolation import interpolate
 from renderers.shading.layout import ShadedPixels, ShadingContext, SpanSums
 from renderers.shading.packed_rows import write_packed_row
 from renderers.shading.span_setup import set_up_part
-from renderers.shading.spans import allocate_row_memory, bind_next_segment, find_spans, free_row_memory, next_part
+from renderers.shading.spans import allocate_row_memory, bind_next_segment, find_part_end, find_spans, free_row_memory
 
 
 @inlined
@@ -28,7 +28,7 @@ def _shade_segment(
     starts, is_uniform, span = context.span_starts, is_uniform_lambert(job, context), first_span
     begin, end = i64(starts[first_span]), i64(starts[end_span])
     while begin < end:
-        part_end, part_end_span = next_part(context, span, begin, end)
+        part_end, part_end_span = find_part_end(context, span, begin, end)
         has_constant_normals = set_up_part(context, span, part_end_span, end_span)
         if has_constant_normals and is_uniform:
             fill_spans(job, context, span, part_end_span, packed_row)

@@ -8,7 +8,7 @@ from renderers.compiler.device_function import device_function
 from renderers.compiler.kernel_types import F32, F64, I32, I64, U8, Pointer
 from renderers.compiler.simd import LANES
 from renderers.compiler.structs import Struct, inline
-from renderers.shading.layout import ShadingInputs, rows
+from renderers.shading.layout import ShadingInputs, inline_rows
 
 
 class StudioLight(Struct):
@@ -74,19 +74,19 @@ class StudioEdgeShader(Struct):
 class StudioSurfaces(Struct):
     """Surfaces gathered for lighting: rows of ROW_STRIDE float32, one value per pixel. Vectors: optical frame."""
 
-    normal: Pointer[F32] = rows(3)  # unit, on the visible side
-    to_camera: Pointer[F32] = rows(3)  # unit
-    point: Pointer[F32] = rows(3)  # metres
-    flat_normal: Pointer[F32] = rows(3)  # unit normal of the triangle, towards the camera
-    base_color: Pointer[F32] = rows(3)  # linear
-    metallic: Pointer[F32] = rows(1)
-    roughness: Pointer[F32] = rows(1)
-    f0: Pointer[F32] = rows(3)  # reflectance of the dielectric at normal incidence
-    f90: Pointer[F32] = rows(1)  # reflectance of the dielectric at grazing angles
-    unoccluded: Pointer[F32] = rows(1)  # share of the environment's light that occlusion leaves
-    emitted: Pointer[F32] = rows(3)  # radiance; of unlit surfaces their colour
-    alpha: Pointer[F32] = rows(1)
-    color: Pointer[F32] = rows(3)  # linear RGB of the lit surface, tone-mapped
+    normal: Pointer[F32] = inline_rows(3)  # unit, on the visible side
+    to_camera: Pointer[F32] = inline_rows(3)  # unit
+    position: Pointer[F32] = inline_rows(3)  # metres
+    flat_normal: Pointer[F32] = inline_rows(3)  # unit normal of the triangle, towards the camera
+    base_color: Pointer[F32] = inline_rows(3)  # linear
+    metallic: Pointer[F32] = inline_rows(1)
+    roughness: Pointer[F32] = inline_rows(1)
+    f0: Pointer[F32] = inline_rows(3)  # reflectance of the dielectric at normal incidence
+    f90: Pointer[F32] = inline_rows(1)  # reflectance of the dielectric at grazing angles
+    unoccluded: Pointer[F32] = inline_rows(1)  # share of the environment's light that occlusion leaves
+    emitted: Pointer[F32] = inline_rows(3)  # radiance; of unlit surfaces their colour
+    alpha: Pointer[F32] = inline_rows(1)
+    color: Pointer[F32] = inline_rows(3)  # linear RGB of the lit surface, tone-mapped
 
 
 def channel_values(width: int) -> int:

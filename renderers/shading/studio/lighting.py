@@ -22,7 +22,7 @@ def light_surfaces(lighting: StudioLighting, surfaces: StudioSurfaces, count: I6
     zero = vec.f32(0.0)
     for x in range(0, count, vec.LANES):
         store3(surfaces.color, x, ROW_STRIDE, (zero, zero, zero))
-        point = load3(surfaces.point, x, ROW_STRIDE)
+        point = load3(surfaces.position, x, ROW_STRIDE)
         distance = vec.sqrt(point[0] * point[0] + point[1] * point[1] + point[2] * point[2])
         scale = vec.select(distance > zero, vec.f32(-1.0) / distance, zero)
         store3(surfaces.to_camera, x, ROW_STRIDE, times(point, scale))
@@ -68,7 +68,7 @@ def _add_light(lighting: StudioLighting, light: StudioLight, surfaces: StudioSur
     light_r, light_g, light_b = broadcast3(light.color, 0)
     for x in range(0, count, vec.LANES):
         normal = load3(surfaces.normal, x, ROW_STRIDE)
-        point = load3(surfaces.point, x, ROW_STRIDE)
+        point = load3(surfaces.position, x, ROW_STRIDE)
         to_light, attenuation = direction_and_attenuation(light, point)
         n_l = dot(normal, to_light)
         attenuation = vec.select(n_l > zero, attenuation, zero)

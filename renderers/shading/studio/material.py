@@ -72,12 +72,12 @@ def _fill_alpha(
 
 @device_function
 def _fill_geometry(pixels: ShadedPixels, count: I64, surfaces: StudioSurfaces, first: I64) -> None:
-    """Fill the rows ``normal``, ``point`` and ``flat_normal``."""
+    """Fill the rows ``normal``, ``position`` and ``flat_normal``."""
     one = vec.f32(1.0)
     for x in range(0, count, vec.LANES):
         normal = load3(pixels.normal, x, ROW_STRIDE)
         store3(surfaces.normal, first + x, ROW_STRIDE, times(normal, scale_to(normal, one)))
-        store3(surfaces.point, first + x, ROW_STRIDE, load3(pixels.point, x, ROW_STRIDE))
+        store3(surfaces.position, first + x, ROW_STRIDE, load3(pixels.position, x, ROW_STRIDE))
         store3(surfaces.flat_normal, first + x, ROW_STRIDE, load3(pixels.flat_normal, x, ROW_STRIDE))
 
 
@@ -116,18 +116,18 @@ def _fill_dielectric(
     """Fill the rows ``f0`` and ``f90`` (KHR_materials_ior, KHR_materials_specular)."""
     one, reflectance = vec.f32(1.0), vec.f32(material.reflectance)
     if material.specular_texture >= 0:
-        sample(context, material.specular_texture, count, pixels.sampled, True)
+        sample(context, material.specular_texture, count, pixels.scratch_color, True)
     for x in range(0, count, vec.LANES):
         f90 = vec.f32(material.specular)
         if material.specular_texture >= 0:
-            f90 = f90 * vec.load(pixels.sampled, 3 * ROW_STRIDE + x)
+            f90 = f90 * vec.load(pixels.scratch_color, 3 * ROW_STRIDE + x)
         vec.store(surfaces.f90, first + x, f90)
     if material.specular_color_texture >= 0:
-        sample(context, material.specular_color_texture, count, pixels.sampled, False)
+        sample(context, material.specular_color_texture, count, pixels.scratch_color, False)
     for x in range(0, count, vec.LANES):
         tint, f90 = broadcast3(material.specular_color, 0), vec.load(surfaces.f90, first + x)
         if material.specular_color_texture >= 0:
-            tint = multiply3(tint, load3(pixels.sampled, x, ROW_STRIDE))
+            tint = multiply3(tint, load3(pixels.scratch_color, x, ROW_STRIDE))
         f0 = (
             vec.minimum(reflectance * tint[0], one) * f90,
             vec.minimum(reflectance * tint[1], one) * f90,

@@ -19,7 +19,7 @@ from renderers.msaa import SampleBand
 from renderers.shading.interpolation import interpolate, pixel_columns
 from renderers.shading.layout import MAX_PART_PIXELS, ROW_STRIDE, ShadedPixels, ShadingContext, SpanSums
 from renderers.shading.span_setup import set_up_part
-from renderers.shading.spans import allocate_row_memory, bind_next_segment, find_spans, free_row_memory, next_part
+from renderers.shading.spans import allocate_row_memory, bind_next_segment, find_part_end, find_spans, free_row_memory
 from renderers.shading.studio.layout import (
     StudioEdgeShader,
     StudioInputs,
@@ -143,7 +143,7 @@ def _gather(job: StudioInputs, context: ShadingContext, row: _StudioRow, span: I
     surfaces, starts = row.surfaces, context.span_starts
     begin, end = i64(starts[span]), i64(starts[end_span])
     while begin < end:
-        part_end, part_end_span = next_part(context, span, begin, end)
+        part_end, part_end_span = find_part_end(context, span, begin, end)
         count = part_end - begin
         if row.gathered + count > MAX_PART_PIXELS:
             _light_and_blend(job, row)
