@@ -218,7 +218,7 @@ def test_mesh_files_are_scaled_by_one_or_three() -> None:
         (lambda: PointCloud(POINTS, intensity=[0, 1, 2, 40]), "intensity must be from 0 to 1, .* not 40"),
         (lambda: MeshFile("/a.obj", up="z"), "up, default_color and default_texture need data"),
         (lambda: PointCloud(POINTS.T), r"points must have rows of 3, not an array of shape \(3, 4\)"),
-        (lambda: PointCloud(POINTS, colors=POINTS[:2]), "colors has 2 values for 4 points"),
+        (lambda: PointCloud(POINTS, colors=0 * POINTS[:2]), "colors has 2 values for 4 points"),
         (lambda: PointCloud(POINTS, colors=POINTS[:, :2]), "colors must have rows of 3 or 4"),
         (lambda: PointCloud(np.full((4, 3), "x")), "points must have numbers, not <U1"),
         (lambda: MeshGeometry(POINTS, [[0, 1, 4]]), "faces refer to vertex 0 to 4, there are 4"),
@@ -262,8 +262,11 @@ def test_mesh_files_are_scaled_by_one_or_three() -> None:
         (lambda: Sphere(1, color={"r": 1}), r"color must be 3 or 4 numbers, .* not \{'r': 1\}"),  # type: ignore[arg-type]
         (lambda: Sphere(1, color=[(1, 0), (1,)]), r"color must be 3 or 4 numbers, .* not \[\(1, 0\), \(1,\)\]"),
         (lambda: PointCloud(RAGGED), r"points must have rows of 3, not \[\(0, 0, 0\), \(1, 1\)\]"),
-        (lambda: PointCloud(POINTS, colors="red"), "colors must have rows of 3 or 4, not 'red'"),
-        (lambda: PointCloud(POINTS, colors=RAGGED), r"colors must have rows of 3 or 4, not \[\(0, 0, 0\), \(1, 1\)\]"),
+        (lambda: PointCloud(POINTS, colors="red"), "colors must have rows of 3 or 4 numbers, not 'red'"),
+        (
+            lambda: PointCloud(POINTS, colors=RAGGED),
+            r"colors must have rows of 3 or 4 numbers, not \[\(0, 0",
+        ),
         (lambda: PointCloud(POINTS, intensity=RAGGED), r"intensity must have numbers, not \["),
         (lambda: PointCloud(POINTS, channels={"h": RAGGED}), r"channels\['h'\] must have numbers, not \["),
         (lambda: PointCloud(POINTS, channels={"h": [1, 2]}), r"channels\['h'\] has 2 values for 4 points"),
@@ -271,7 +274,7 @@ def test_mesh_files_are_scaled_by_one_or_three() -> None:
         (lambda: MeshGeometry(POINTS, RAGGED), r"faces must have rows of 3, not \[\(0, 0, 0\), \(1, 1\)\]"),
         (
             lambda: MeshGeometry(POINTS, [[0, 1, 2]], colors=RAGGED),
-            "colors must have 3 or 4 numbers for each vertex, not",
+            "colors must have rows of 3 or 4 numbers, not",
         ),
         (lambda: Heightmap(RAGGED, (1, 1)), r"heights must have at least 2 rows of 2 numbers, not \["),
         (lambda: ImagePlane(RAGGED, 1), r"image must have shape \(H, W\), .* not \[\(0, 0, 0\), \(1, 1\)\]"),
@@ -377,7 +380,9 @@ def test_integers_are_colours_from_0_to_255() -> None:
     mesh = MeshGeometry([(0, 0, 0)] * 2, [(0, 1, 1)], colors=red_and_grey).body()["colors"]
     assert (mesh.dtype, mesh.tolist()) == (np.uint8, [list(row) for row in red_and_grey])
     ones = PointCloud([(0, 0, 0)], colors=[(1, 0, 1)]).body()["channels"]["rgb"]
-    assert (ones.dtype, ones.tolist()) == (np.float32, [[1.0, 0.0, 1.0]])
+    assert (ones.dtype, ones.tolist()) == (np.uint8, [[255, 0, 255]])
+    floats = PointCloud([(0, 0, 0)], colors=[(0.5, np.nan, 1.000001)]).body()["channels"]["rgb"]
+    assert (floats.dtype, floats.tolist()) == (np.uint8, [[128, 0, 255]])
 
 
 @pytest.mark.parametrize("color", [None, 0x1FFFFFF, -1])

@@ -52,20 +52,16 @@ def rgba(value: ArrayLike, name: str = "color") -> list[float]:
     return channels
 
 
-def color_rows(name: str, values: ArrayLike) -> NDArray[Any]:
-    """Return a copy of vertex colours, (N, 3) or (N, 4), uint8 or float32; a grid of colours is flattened row by row.
+def color_rows(name: str, values: ArrayLike) -> NDArray[np.uint8]:
+    """Return a copy of colours, (N, 3) or (N, 4) uint8; a grid of colours is flattened row by row.
 
     Raises ValueError, with ``name``, for a wrong shape, or a value outside of its range.
     """
-    wanted = f"{name} must have 3 or 4 numbers for each vertex"
+    wanted = f"{name} must have rows of 3 or 4 numbers"
     array = as_uint8_or_floats(values, wanted)
     if array.ndim < 2 or array.shape[-1] not in (3, 4):
         raise ValueError(f"{wanted}, not {describe(array)}")
-    rows = array.reshape(-1, array.shape[-1])
-    copy = empty_with_header(rows.shape, np.uint8 if array.dtype == np.uint8 else np.float32)
-    copy[...] = rows
-    check_range(name, copy)
-    return copy
+    return _bytes(name, array.reshape(-1, array.shape[-1]))
 
 
 def check_color_count(colors: NDArray[Any], count: int) -> None:
@@ -93,9 +89,20 @@ def image_field(value: ImageLike) -> NDArray[np.uint8] | bytes:
         raise ValueError(f"{wanted}, not {array.shape if array.ndim else describe(value)}")
     if array.dtype.kind not in "fu" or (array.dtype.kind == "u" and array.dtype != np.uint8):
         raise ValueError(f"image must be uint8, or floats from 0 to 1, not {array.dtype}")
-    check_range("image", array)
-    copy = empty_with_header(array.shape, np.uint8)
-    copy[...] = array if array.dtype == np.uint8 else np.clip(np.nan_to_num(array) * 255.0 + 0.5, 0.0, 255.0)
+    return _bytes("image", array)
+
+
+def _bytes(name: str, values: NDArray[Any]) -> NDArray[np.uint8]:
+    """Return a copy of colours as uint8, ready to be sent. NaN is 0. Raises ValueError as ``check_range``."""
+    check_range(name, values)
+    copy = empty_with_header(values.shape, np.uint8)
+    if values.dtype != np.uint8:
+        values = values * 255.0
+        values += 0.5
+        if np.isnan(values.sum()):
+            values = np.nan_to_num(values)
+        np.clip(values, 0.0, 255.0, out=values)
+    copy[...] = values
     return copy
 
 

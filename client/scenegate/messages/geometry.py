@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from scenegate.messages.arguments import as_array, describe
-from scenegate.messages.colors import WHITE, as_uint8_or_floats, check_color_count, check_range, rgba
+from scenegate.messages.colors import WHITE, check_color_count, check_range, color_rows, rgba
 from scenegate.messages.field_kinds import (
     AxisLength,
     Channels,
@@ -341,6 +341,12 @@ class MeshGeometry(PlainMesh, frozen=True):
         return fields
 
 
+def _intensity_rows(name: str, values: ArrayLike) -> NDArray[Any]:
+    """Return grey values as (N,) uint8 or float32. Raises ValueError, with ``name``, for another shape."""
+    array = as_array(values, f"{name} must have numbers")
+    return number_rows(name, array, 1, dtype=np.uint8 if array.dtype == np.uint8 else np.float32)
+
+
 class _Cloud(Geometry, frozen=True):
     """Base class of points with channels. The protocol has ``rgb`` and ``intensity`` among the ``channels``."""
 
@@ -348,13 +354,10 @@ class _Cloud(Geometry, frozen=True):
         fields = Geometry._fields(self)
         count = len(next(iter(fields.values())))
         channels: dict[str, NDArray[Any]] = {}
-        for field, name, columns in (("colors", "rgb", (3, 4)), ("intensity", "intensity", (1,))):
+        for field, name, rows_of in (("colors", "rgb", color_rows), ("intensity", "intensity", _intensity_rows)):
             values = getattr(self, field)
             if values is not None:
-                wanted = f"{field} must have {'rows of 3 or 4' if name == 'rgb' else 'numbers'}"
-                array = as_uint8_or_floats(values, wanted) if name == "rgb" else as_array(values, wanted)
-                is_uint8 = array.dtype == np.uint8
-                channels[name] = number_rows(field, array, *columns, dtype=np.uint8 if is_uint8 else np.float32)
+                channels[name] = rows_of(field, values)
         channels |= fields.pop("channels")
         for name, array in channels.items():
             if len(array) != count:

@@ -89,6 +89,7 @@ def scale_colors(colors: NDArray[np.float32], field: Any, name: str, warnings: l
     """Scale the colours read from a field, in place, to 0 to 1. NaN becomes 0. Warn of colours above 1."""
     if isinstance(field, PackedArray) and field.is_uint8:
         colors /= np.float32(255.0)
+        return
     colors[np.isnan(colors)] = 0.0
     if colors.size and (largest := float(colors.max())) > MAX_COLOR:
         warnings.append(f"{name} has {largest:g}, colours are from 0 to 1 or bytes; it counts as 1")
