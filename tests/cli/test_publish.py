@@ -173,7 +173,7 @@ def test_shapes_of_the_protocol_stay_what_they_are_unless_scaled(shape: Shape, k
     turned = from_pose((1.0, 2.0, 3.0), (0.5, 0.5, 0.5, 0.5))
     (geometry,) = geometries_of(Part(shape, Material(), turned), None)
     assert geometry.kind == kind
-    transform = Transform.of(geometry.transform)  # type: ignore[arg-type]  # it has one
+    transform = Transform.of(geometry.transform)
     np.testing.assert_allclose(from_pose(transform.translation, transform.quaternion), turned, atol=1e-15)
     scaled = list(geometries_of(Part(shape, Material(), scaling(1.0, 2.0, 1.0)), None))
     assert {geometry.kind for geometry in scaled} == {"mesh_data"}

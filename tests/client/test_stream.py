@@ -146,7 +146,7 @@ def test_rejects_targets_without_a_port_number(monkeypatch: pytest.MonkeyPatch) 
         receive_all(StreamOptions("localhost:camera", count=1))
     for target in ("http://localhost:50051", None):
         with pytest.raises(StreamFailure, match=r"address .*127\.0\.0\.1:50051"):
-            receive_all(StreamOptions(target, count=1))  # type: ignore[arg-type]
+            receive_all(StreamOptions(target, count=1))
 
 
 async def test_a_refusal_is_one_sentence(start: Start) -> None:

@@ -164,7 +164,7 @@ async def test_callbacks_that_cannot_be_called_are_refused() -> None:
                 with pytest.raises(TypeError, match=r"coroutine.* AsyncTreeViewer"):
                     viewer.on_click("robot", coroutine)
                 with pytest.raises(TypeError, match="must be a function, not None"):
-                    viewer.on_click("robot", None)  # type: ignore[arg-type]
+                    viewer.on_click("robot", None)
 
         await in_thread(talk)
         assert service.protocol.page.clicks.paths() == ()

@@ -147,7 +147,6 @@ def test_installed_wheel_serves_the_demo(wheel: Path, client_wheel: Path, tmp_pa
             assert http.get("/docs").status_code == 200
             # 503 while its kernels are still being compiled.
             drawn = wait_until(lambda: got if (got := http.get("/scene/render")).status_code != 503 else None)
-            assert drawn is not None
             assert drawn.headers["content-type"] == "image/png", drawn.text
             states = {name: each["state"] for name, each in http.get("/healthz").json()["interfaces"].items()}
         assert set(states.values()) == {"ready"}, states

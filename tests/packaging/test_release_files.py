@@ -67,5 +67,4 @@ def test_pods_run_the_render_role_without_privileges() -> None:
         "capabilities": {"drop": ["ALL"]},
     }
     user = re.search(r"--uid (\d+) scenegate", (ROOT / "deploy" / "Dockerfile").read_text())
-    assert user is not None
     assert pod["securityContext"]["runAsUser"] == int(user[1])

@@ -30,14 +30,8 @@ def camera(width: int = 97, height: int = 71, **changes: Any) -> Camera:
 
 def images(frame: Frame) -> dict[str, NDArray[Any]]:
     """The frame's images by name, without those that were not rendered."""
-    every = {
-        "color": frame.color,
-        "depth": frame.depth,
-        "label": frame.label,
-        "instance": frame.instance,
-        "normal": frame.normal,
-    }
-    return {name: image for name, image in every.items() if image is not None}
+    names = ("color", "depth", "label", "instance", "normal")
+    return {name: getattr(frame, name) for name in names if getattr(frame, name) is not None}
 
 
 def mesh(positions: Any, elements: Any, normals: Any = None) -> Mesh:

@@ -98,7 +98,7 @@ def test_setting_the_flag_ends_a_frame(threads: int, outputs: Output, name: Look
     drawn = renderer.render(scene, camera, outputs, look)
     other = CpuRenderer(1).render(scene, camera, outputs, look)
     for array, expected in ((drawn.color, other.color), (drawn.depth, other.depth), (drawn.label, other.label)):
-        assert array is None if expected is None else np.array_equal(array, expected)  # type: ignore[arg-type]  # both
+        assert array is None if expected is None else np.array_equal(array, expected)
     renderer.close()
 
 
@@ -116,7 +116,6 @@ def test_repeated_frames_use_their_own_flag() -> None:
     renderer, scene, look = CpuRenderer(1), endless(50, 3), Look("phong")
     camera = scenes.camera(97, 71)
     frame = renderer.render(scene, camera, Output.COLOR, look)
-    assert frame.color is not None
     expected = frame.color.copy()
     flag = StopFlag()
     flag.set(Enough())
@@ -163,7 +162,7 @@ def test_incomplete_preparation_is_not_cached(name: LookName) -> None:
     frame = renderer.render(drawn, camera, Output.COLOR, Look(name))
     assert frame.color is not None
     other = CpuRenderer(1).render(scene([image(v) for v in (50, 100, 150)]), camera, Output.COLOR, Look(name))
-    assert np.array_equal(frame.color, other.color)  # type: ignore[arg-type]  # it is there
+    assert np.array_equal(frame.color, other.color)
 
 
 def test_units_of_work_run_under_the_callers_flag_in_every_thread() -> None:

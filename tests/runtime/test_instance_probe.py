@@ -32,7 +32,6 @@ def test_probe_returns_the_ports_of_a_gateway() -> None:
     with answering(lambda _: (200, json.dumps(HEALTH).encode())) as port:
         for host in ("127.0.0.1", "localhost", "0.0.0.0"):
             found = probe_instance(host, port)
-            assert found is not None
             assert (found.version, found.status) == ("1.2.3", "degraded")
             assert found.ports == frozenset({4001, 4002, 4003})
 
@@ -63,7 +62,6 @@ def test_probe_tries_https_where_http_gives_an_error(tmp_path: Path) -> None:
         server.start()
         found = probe_instance("127.0.0.1", listener.getsockname()[1])
         server.join()
-    assert found is not None
     assert found.version == "1.2.3"
 
 

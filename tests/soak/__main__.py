@@ -82,7 +82,6 @@ async def gateway(state: Path) -> AsyncIterator[Gateway]:
         *(f"queue={QUEUE}", f"threads={THREADS}"),
         stdout=asyncio.subprocess.PIPE,
     )
-    assert process.stdout is not None
     listening = None
     try:
         async with asyncio.timeout(STARTS_SECONDS):

@@ -203,7 +203,6 @@ def test_configuration_of_the_stereo_camera(tmp_path: Path) -> None:
             grpc_client_ca=ca,
         )
     )
-    assert config.tls is not None
     assert (config.tls.certificate, config.tls.key, config.tls.client_ca) == (certificate, key, ca)
     assert replace(config, tls=None) == StereoConfig(
         host="127.0.0.2",
@@ -241,13 +240,11 @@ async def test_further_cameras_have_ports_seeds_and_mounts_of_their_own(
 
     monkeypatch.setattr(stereo, "StereoService", recorded)
     provided = await stereo.setup(context, Provided())
-    assert provided.stereo is not None
     assert list(services) == ["stereo", "stereo 1", "stereo 2"]
     assert [service.config.port for service in services.values()] == ports
     assert [service.config.seed for service in services.values()] == [7, 8, 9]
     assert poses == [[4, 5, 6], [1, 2, 3], [7, 8, 9]]
     camera = provided.stereo.camera(context.tree.snapshot)
-    assert camera is not None
     assert camera.X_world_camera[:3, 3].tolist() == [4, 5, 6]
 
 
@@ -292,7 +289,6 @@ async def test_cameras_see_the_lights_of_their_scene_or_of_the_rig(
 
     monkeypatch.setattr(stereo, "StereoService", recorded)
     provided = await stereo.setup(context, Provided())
-    assert provided.stereo is not None
     seen = provided.stereo.service.config.rig.lights_of(scenes[0])
     assert [light.position for light in seen] == [(x, 0.0, 0.0)]
 
@@ -320,7 +316,6 @@ async def sensor() -> AsyncIterator[Sensor]:
 
 async def test_the_stereo_rig_in_the_browser_view(sensor: Sensor) -> None:
     rig = sensor.source.rig(sensor.tree.snapshot)
-    assert rig is not None
     assert rig.pose[:3, 3].tolist() == [1, 2, 3]
     assert (rig.width, rig.height, rig.cx, rig.cy, rig.baseline) == (64, 48, 32, 24, 0.16)
     assert rig.fx == rig.fy == pytest.approx(0.8449 * 64)

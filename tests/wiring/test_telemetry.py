@@ -194,9 +194,7 @@ def test_a_worker_thread_carries_the_span_of_its_caller(use: Callable[[TracerPro
     alone, queue, below, caller = exporter.get_finished_spans()
     assert [span.name for span in (alone, queue, below, caller)] == ["work", "queue", "work", "caller"]
     assert alone.parent is None
-    assert caller.context is not None
     for child in (queue, below):
-        assert child.parent is not None
         assert child.parent.span_id == caller.context.span_id
     assert below.attributes == {"answer": 42}
 

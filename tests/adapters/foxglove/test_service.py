@@ -357,7 +357,8 @@ async def test_repetitions_delete_what_slow_clients_have_missed(monkeypatch: pyt
             await connected.messages_of(each)
         with tree.edit() as edit:
             edit.delete(("scan",))
-        updates, points = [], None
+        updates: list[Any] = []
+        points = None
         while not (points == 0 and len(updates) > 1 and updates[-2].deletions):
             topic, _, message = await connected.next_message()
             if topic == "/scene":

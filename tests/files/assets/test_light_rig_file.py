@@ -49,7 +49,6 @@ def test_everything_is_read(tmp_path: Path) -> None:
     (tmp_path / "sky.hdr").write_bytes(sky)
     rig = read_rig(path)
     assert (rig.exposure, rig.tone, rig.shadow_size, rig.scene_lights) == (1.5, "aces", 512, False)
-    assert rig.surroundings is not None
     assert rig.surroundings.image == sky
     assert rig.surroundings.hemisphere == Hemisphere((1, 1, 1), Hemisphere().ground)
     assert (rig.surroundings.intensity, rig.surroundings.turn) == (0.5, math.pi / 2)

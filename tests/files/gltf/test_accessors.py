@@ -32,7 +32,6 @@ def test_arrays_are_read_only_contiguous_and_aligned() -> None:
         b,
     )
     for array in (mesh.positions, mesh.elements, mesh.normals, mesh.uv0):
-        assert array is not None
         assert array.flags.c_contiguous
         assert array.flags.aligned
         assert not array.flags.writeable
@@ -53,7 +52,6 @@ def test_normalized_integers(dtype: str, stored: list[int], expected: list[float
     mesh = only_mesh(
         {"attributes": {"POSITION": b.accessor(TRIANGLE), "TEXCOORD_0": b.accessor(uv, dtype, normalized=True)}}, b
     )
-    assert mesh.uv0 is not None
     np.testing.assert_allclose(mesh.uv0[:, 0], expected, atol=1e-7)
 
 
@@ -78,7 +76,6 @@ def test_interleaved() -> None:
     assert (mesh.positions == TRIANGLE).all()
     assert mesh.normals is not None
     assert (mesh.normals == (0, 0, 1)).all()
-    assert mesh.uv0 is not None
     assert mesh.uv0.tolist() == [[0, 0], [1, 0], [0, 1]]
 
 
@@ -148,7 +145,6 @@ def test_accessor_without_view_is_zeros() -> None:
     b = Builder()
     uv = b.add("accessors", {"componentType": 5126, "count": 3, "type": "VEC2"})
     mesh = only_mesh({"attributes": {"POSITION": b.accessor(TRIANGLE), "TEXCOORD_0": uv}}, b)
-    assert mesh.uv0 is not None
     assert mesh.uv0.tolist() == [[0, 0]] * 3
 
 

@@ -24,7 +24,6 @@ SCENES = pytest.mark.parametrize("scene", drake_scenes() or [None], ids=str)
 
 def read(scene: DrakeScene | None, image_type: str = "color", **options: Any) -> tuple[GltfScene, dict[str, Any]]:
     corpus_dir()
-    assert scene is not None
     # Recordings of other versions share the description of the same scene.
     info = scene.path.parent.parent / "scenes" / scene.name / "info.json"
     return read_gltf(scene.request(image_type).scene, posted=True, **options), json.loads(info.read_text())
@@ -50,7 +49,6 @@ def world_triangles(root: Node) -> NDArray[np.float64]:
 @pytest.mark.parametrize("image_type", IMAGE_TYPES)
 def test_every_scene_is_read(scene: DrakeScene | None, image_type: str) -> None:
     glTF, info = read(scene, image_type)
-    assert scene is not None
     assert glTF.generator == info["generator"]
     assert glTF.from_drake
     assert len(glTF.content.cameras) == info["cameras"]
@@ -81,7 +79,6 @@ def _used_meshes(document: dict[str, Any]) -> list[int]:
 @SCENES
 def test_camera_pose_matches_the_clients(scene: DrakeScene | None) -> None:
     glTF, info = read(scene)
-    assert glTF.camera is not None
     np.testing.assert_allclose(glTF.camera.X_world_camera, info["capture"]["X_WC"], atol=1e-6)
     assert glTF.camera.znear == pytest.approx(float(info["fields"]["near"]))
 
@@ -89,7 +86,6 @@ def test_camera_pose_matches_the_clients(scene: DrakeScene | None) -> None:
 @SCENES
 def test_geometry_matches_trimesh(scene: DrakeScene | None) -> None:
     corpus_dir()
-    assert scene is not None
     data = scene.request("color").scene
     without_nulls = {key: value for key, value in json.loads(data).items() if value is not None}
     file = io.BytesIO(json.dumps(without_nulls).encode())
@@ -137,7 +133,6 @@ def test_every_texture_decodes(scene: DrakeScene | None) -> None:
 @SCENES
 def test_labels_match_the_reference_image(scene: DrakeScene | None) -> None:
     glTF, _ = read(scene, "label")
-    assert scene is not None
     if scene.name == "017_vertex_color":
         pytest.skip("RenderEngineVtk multiplies its labels by the vertex colours")
     sent = {label_from_material(part.material) for _, part in parts(glTF)}
@@ -160,7 +155,6 @@ def test_vtk_materials_are_distinguished_from_those_of_gltf_files() -> None:
 @SCENES
 def test_moved_requests_are_document_cache_hits(scene: DrakeScene | None) -> None:
     corpus_dir()
-    assert scene is not None
     data = scene.request("color").scene
     begin = data.rindex(b'"nodes"', 0, data.rindex(b'"Camera Node"'))
     cache = GltfCache()

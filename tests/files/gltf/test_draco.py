@@ -45,7 +45,6 @@ def test_files_equal_those_without_compression(name: str) -> None:
     centers = [triangles.mean(axis=1)[order] for triangles, order in zip((ours, expected), by_center, strict=True)]
     assert np.abs(centers[0] - centers[1]).max() < 1e-3  # quantized to 14 bits
     (mesh,) = meshes(read_file(name))
-    assert mesh.normals is not None
     assert mesh.uv0 is not None
     outward = mesh.positions[:, (0, 2)] / np.linalg.norm(mesh.positions[:, (0, 2)], axis=1)[:, None]
     assert (np.einsum("ij,ij->i", outward, mesh.normals[:, (0, 2)]) > 0.99).all()
@@ -74,7 +73,6 @@ def test_normalized_integers() -> None:
     data = encoded(colors=colors)
     ids = {each["attribute_type"]: each["unique_id"] for each in DracoPy.decode(data).attributes}
     (mesh,) = meshes(document(data, {"POSITION": ids[0], "COLOR_0": ids[2]}).read())
-    assert mesh.colors is not None
     assert np.abs(mesh.colors - colors / np.float32(255)).max() < 1e-6
 
 

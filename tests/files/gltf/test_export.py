@@ -172,7 +172,6 @@ def test_materials_round_trip() -> None:
     (instance,) = reread(Node((Part(Surface(mesh), material),))).instances
     found = instance.material
     assert found.base_color == pytest.approx(material.base_color)
-    assert found.base_color_texture is not None
     assert found.base_color_texture.sampler == sampler
     assert found.base_color_texture.uv_set == 1
     assert found.base_color_texture.uv_transform == pytest.approx(transform)
@@ -197,7 +196,6 @@ def test_colors_of_clouds_are_written_linear_and_those_of_meshes_as_they_are() -
     edit = TreeEdit(Node())
     edit.set_parts(("cloud",), (Part(cloud, RED),))
     [points] = [instance.mesh for instance in reread(edit.commit()).instances]
-    assert points.colors is not None
     # IEC 61966-2-1 by hand; alpha is no light.
     expected = ((0.0331048, 0.1328683, 0.3185468, 0.5), (1.0, 0.0, 0.0030960, 1.0))
     np.testing.assert_allclose(points.colors, expected, atol=1e-6)
@@ -213,7 +211,6 @@ def test_colors_of_clouds_are_written_linear_and_those_of_meshes_as_they_are() -
 def test_pixels_without_a_file_become_a_png() -> None:
     pixels = np.arange(24, dtype=np.uint8).reshape(2, 3, 4)
     (instance,) = reread(textured(Image(b"raw", lambda: pixels))).instances
-    assert instance.material.base_color_texture is not None
     np.testing.assert_array_equal(instance.material.base_color_texture.image.decode(), pixels)
 
 
@@ -275,7 +272,6 @@ def test_bounds_round_trip(moves: Any) -> None:
     if before is None:
         assert after is None
     else:
-        assert after is not None
         np.testing.assert_allclose(after, before, atol=1e-3)
 
 
@@ -300,7 +296,6 @@ def test_camera_round_trip() -> None:
     pose = tf.look_at((2.0, -3.0, 1.5), (0.0, 0.5, 0.2), (0.0, 0.0, 1.0))
     camera = Camera(64, 48, 50.0, 40.0, 32.0, 24.0, 0.125, 16.0, pose)
     read = read_gltf(export_glb(scene(), camera=camera))
-    assert read.camera is not None
     np.testing.assert_allclose(tf.Y_UP_TO_Z_UP @ read.camera.X_world_camera, pose, atol=1e-12)
     written = document(export_glb(scene(), camera=camera))["cameras"]
     assert written[0]["type"] == "perspective"
@@ -335,7 +330,6 @@ def test_samplers_round_trip(mag_linear: bool, min_linear: bool, mipmaps: bool) 
     )
     (drawn,) = flatten(read_gltf(glb).root).instances
     texture = drawn.material.base_color_texture
-    assert texture is not None
     assert texture.name == "images[0] (paint)"
     found = texture.sampler
     assert (found.wrap_s, found.wrap_t) == (Wrap.MIRRORED_REPEAT, Wrap.CLAMP_TO_EDGE)

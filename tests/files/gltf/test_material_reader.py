@@ -95,7 +95,6 @@ def test_everything_is_read() -> None:
         b,
     )
     sampler = Sampler(Wrap.CLAMP_TO_EDGE, Wrap.MIRRORED_REPEAT, mag_linear=False, mip_linear=False)
-    assert material.base_color_texture is not None
     image = material.base_color_texture.image
     texture = Texture(image, sampler, name="images[0]")
     assert material == Material(
@@ -134,7 +133,6 @@ def test_min_filters(min_filter: int | None, linear: bool, mipmaps: bool) -> Non
     b = with_texture(sampler=0)
     b.add("samplers", {"minFilter": min_filter})
     material, _ = read_material({"emissiveTexture": {"index": 0}}, b)
-    assert material.emissive_texture is not None
     assert material.emissive_texture.sampler == Sampler(
         min_linear=linear, mipmaps=mipmaps, mip_linear=min_filter not in (9984, 9985)
     )
@@ -340,8 +338,6 @@ def test_image_names_are_those_of_each_document() -> None:
         b.node(mesh=b.triangle(material=b.add("materials", {"emissiveTexture": {"index": 0, "extensions": transform}})))
         found.append(parts(b.read(cache=cache))[0][1].material.emissive_texture)
     one, two = found
-    assert one is not None
-    assert two is not None
     assert one.image is two.image
     assert (one.name, two.name) == ("images[0] (first)", "images[1] (second)")
 
@@ -383,8 +379,6 @@ def test_equal_images_of_buffer_views_and_uris_are_one_object() -> None:
     b.add("textures", {"source": 0})
     b.add("textures", {"source": 1})
     material, _ = read_material({"emissiveTexture": {"index": 0}, "normalTexture": {"index": 1}}, b)
-    assert material.emissive_texture is not None
-    assert material.normal_texture is not None
     assert material.emissive_texture.image is material.normal_texture.image
 
 
@@ -423,9 +417,7 @@ def test_pixels_are_limited_by_the_headers() -> None:
 def test_texture_transform(transform: dict[str, Any], uv: tuple[float, float], expected: tuple[float, float]) -> None:
     info = {"index": 0, "texCoord": 0, "extensions": {"KHR_texture_transform": {**transform, "texCoord": 1}}}
     material, _ = read_material({"emissiveTexture": info}, with_texture())
-    assert material.emissive_texture is not None
     assert material.emissive_texture.uv_set == 1
-    assert material.emissive_texture.uv_transform is not None
     a, b, c, d, e, f = material.emissive_texture.uv_transform
     u, v = uv
     np.testing.assert_allclose((a * u + b * v + c, d * u + e * v + f), expected, atol=1e-12)
@@ -435,7 +427,6 @@ def test_invalid_values_are_repaired_with_a_warning() -> None:
     b = with_texture(sampler=0)
     b.add("samplers", {"wrapS": 1})
     material, scene = read_material({"emissiveTexture": {"index": 0, "texCoord": 5}}, b)
-    assert material.emissive_texture is not None
     assert material.emissive_texture.uv_set == 0
     assert material.emissive_texture.sampler == Sampler()
     assert scene.warnings == (
@@ -502,7 +493,6 @@ def test_a_transform_that_cannot_be_read_leaves_the_texture() -> None:
 @pytest.mark.parametrize("sampler", [4, -1])
 def test_a_sampler_that_does_not_exist_leaves_the_texture(sampler: int) -> None:
     material, scene = read_material({"normalTexture": {"index": 0}}, with_texture(sampler=sampler))
-    assert material.normal_texture is not None
     assert material.normal_texture.sampler == Sampler()
     reason = f"textures[0].sampler: {sampler} is out of range (0 samplers)"
     assert scene.warnings == (f"{reason}; the default sampler is used",)

@@ -80,8 +80,6 @@ def test_the_transform_of_the_node_does_not_apply() -> None:
 
 def test_directions_follow_the_joints_at_unit_length() -> None:
     (mesh,) = meshes(skinned().read())
-    assert mesh.normals is not None
-    assert mesh.tangents is not None
     assert np.abs(np.linalg.norm(mesh.normals, axis=1) - 1).max() < 1e-6
     # The first vertices follow joint 0 alone: a rotation by 0.2.
     assert np.allclose(mesh.normals[0], (-0.6 * np.sin(0.2), 0.6 * np.cos(0.2), 0.8), atol=1e-6)
@@ -263,7 +261,6 @@ def test_morph_targets(weights: Any, mesh_weights: Any, up: float, wide: float) 
     expected = STRIP + (0, 0, 5 + up) + STRIP * (wide, 0, 0)
     assert np.allclose(triangles, expected[QUADS.reshape(-1, 3)], atol=1e-6)
     (mesh,) = meshes(scene)
-    assert mesh.normals is not None
     normal = np.array((up, 0, 1 - up))
     assert np.allclose(mesh.normals, normal / np.linalg.norm(normal), atol=1e-6)
     assert scene.warnings == ()
@@ -276,7 +273,6 @@ def test_normals_without_a_direction_are_computed_from_deformed_positions() -> N
     primitive["targets"] = [{"POSITION": b.accessor(STRIP[:, (2, 2, 0)])}]  # z = x: a slope of 45 degrees
     b.json["nodes"][0]["weights"] = [1.0]
     (mesh,) = meshes(b.read())
-    assert mesh.normals is not None
     assert np.allclose(mesh.normals[:7], (-np.sqrt(0.5), 0, np.sqrt(0.5)), atol=1e-6)
 
 

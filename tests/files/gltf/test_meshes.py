@@ -149,7 +149,6 @@ def test_a_vertex_whose_normal_has_no_direction_gets_that_of_one_of_its_triangle
     normals = b.accessor([(0, 0, 0), (0, 1, 0), (0, 1, 0), (np.inf, 0, 0), (0, 0, 0)])
     indices = b.accessor([0, 1, 2, 0, 1, 3], "B")
     mesh = only_mesh({"attributes": {"POSITION": corners, "NORMAL": normals}, "indices": indices}, b)
-    assert mesh.normals is not None
     assert mesh.normals.tolist() == [[0, 0, 1], [0, 1, 0], [0, 1, 0], [0, 0, 1], [0, 0, 1]]
 
 
@@ -157,7 +156,6 @@ def test_given_normals_get_unit_length_and_bad_ones_are_computed() -> None:
     b = Builder()
     normals = b.accessor([(0, 0, 5), (0, 0, 0), (np.nan, 0, 0)])
     mesh = only_mesh({"attributes": {"POSITION": b.accessor(TRIANGLE[[0, 2, 1]]), "NORMAL": normals}}, b)
-    assert mesh.normals is not None
     assert mesh.normals.tolist() == [[0, 0, 1], [0, 0, -1], [0, 0, -1]]
 
 
@@ -165,7 +163,6 @@ def test_quantised_normals_get_unit_length() -> None:
     b = Builder()
     normals = b.accessor([(64, 64, 0)] * 3, "b", normalized=True)
     mesh = only_mesh({"attributes": {"POSITION": b.accessor(TRIANGLE), "NORMAL": normals}}, b)
-    assert mesh.normals is not None
     np.testing.assert_allclose(mesh.normals, np.full((3, 3), (0.5**0.5, 0.5**0.5, 0)), atol=1e-6)
 
 
@@ -197,7 +194,6 @@ def test_vertex_colours_become_rgba(dtype: str, values: Any, expected: tuple[flo
     b = Builder()
     colours = b.accessor(values, dtype, normalized=dtype != "f")
     mesh = only_mesh({"attributes": {"POSITION": b.accessor(TRIANGLE), "COLOR_0": colours}}, b)
-    assert mesh.colors is not None
     np.testing.assert_allclose(mesh.colors, np.full((3, 4), expected), atol=1e-6)
 
 
@@ -213,7 +209,6 @@ def test_second_texture_coordinates_and_tangents() -> None:
     mesh = only_mesh({"attributes": attributes}, b)
     assert mesh.uv1 is not None
     assert (mesh.uv1 == 2 * TRIANGLE[:, :2]).all()
-    assert mesh.tangents is not None
     assert mesh.tangents.tolist() == [[1, 0, 0, -1], [1, 0, 0, 1], [0, 1, 0, 1]]
 
 
@@ -378,7 +373,6 @@ def test_a_range_of_at_most_half_of_the_vertices_is_cut_out(count: int, expected
     uv = b.accessor(positions[:, :2])
     mesh = only_mesh({"attributes": {"POSITION": b.accessor(positions), "TEXCOORD_0": uv}, "indices": indices}, b)
     assert len(mesh.positions) == expected
-    assert mesh.uv0 is not None
     assert len(mesh.uv0) == expected
     np.testing.assert_array_equal(corners(mesh), positions[[[2, 3, 5], [4, 2, 3]]])
     np.testing.assert_array_equal(mesh.uv0[mesh.elements], positions[[[2, 3, 5], [4, 2, 3]], :2])
@@ -428,7 +422,6 @@ def test_texture_coordinates_that_are_not_finite_are_0_with_a_warning() -> None:
     b.node(mesh=b.mesh({"attributes": {"POSITION": b.accessor(TRIANGLE), "TEXCOORD_0": b.accessor(uv)}}))
     scene = b.read()
     (mesh,) = meshes(scene)
-    assert mesh.uv0 is not None
     assert mesh.uv0.tolist() == [[0, 1], [2, 0], [0, np.float32(-1e13)]]
     assert scene.warnings == ("meshes[0].primitives[0].TEXCOORD_0: numbers that are not finite are read as 0",)
 
@@ -440,7 +433,6 @@ def test_normals_within_a_thousandth_of_unit_length_are_kept(length: float, kept
     normal = np.zeros(3, np.float32)
     normal[axis] = -length
     mesh = only_mesh({"attributes": {"POSITION": b.accessor(TRIANGLE), "NORMAL": b.accessor([normal] * 3)}}, b)
-    assert mesh.normals is not None
     assert mesh.normals[0, axis] == (normal[axis] if kept else -1.0)
 
 
@@ -449,7 +441,6 @@ def test_normals_of_lines_without_a_direction_point_along_z(bad: tuple[float, ..
     b = Builder()
     normals = b.accessor([(0, -2, 0), bad, (1, 0, 0)])
     mesh = only_mesh({"attributes": {"POSITION": b.accessor(TRIANGLE), "NORMAL": normals}, "mode": 3}, b)
-    assert mesh.normals is not None
     assert mesh.normals.tolist() == [[0, -1, 0], [0, 0, 1], [1, 0, 0]]
 
 

@@ -214,7 +214,6 @@ def test_camera_pose_is_optical() -> None:
     """A glTF camera looks along -Z with +Y up: from above, onto the origin, its optical frame is look_at's."""
     scene = camera_scene(translation=[0, 0, 4]).read()
     camera = scene.camera
-    assert camera is not None
     np.testing.assert_allclose(camera.X_world_camera, look_at((0, 0, 5), (0, 0, 0), (0, 1, 0)), atol=1e-12)
     assert (camera.yfov, camera.znear, camera.zfar) == (0.8, 0.01, 10)
     assert camera.name == "Camera Node"
@@ -224,7 +223,6 @@ def test_camera_pose_is_optical() -> None:
 def test_cameras_ignore_scales() -> None:
     b = camera_scene(scale=[2, 3, 4], rotation=[0.5, 0.5, 0.5, 0.5])
     camera = b.read().camera
-    assert camera is not None
     R = camera.X_world_camera[:3, :3]
     np.testing.assert_allclose(R @ R.T, np.eye(3), atol=1e-12)
 
@@ -233,7 +231,6 @@ def test_a_camera_scale_that_overflows_is_kept() -> None:
     """The square of an axis of 1e300 overflows: the pose is not normalized."""
     b = camera_scene(matrix=[1e300, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1])
     camera = b.read().camera
-    assert camera is not None
     assert camera.X_world_camera[0, 0] == 1e300
 
 
@@ -254,7 +251,6 @@ def test_the_first_node_with_camera_0_counts() -> None:
 def test_camera_without_a_node_has_the_identity_pose() -> None:
     scene = read_gltf(b'{"cameras":[{}],"nodes":[{}]}')
     assert scene.cameras == ()
-    assert scene.camera is not None
     assert scene.camera.X_world_camera.tolist() == np.diag((1, -1, -1, 1)).tolist()
     camera = scene.camera
     assert (camera.index, camera.name, camera.yfov, camera.znear) == (0, "", None, 0.0)
@@ -354,7 +350,6 @@ def test_a_sheared_camera_keeps_its_axes_at_unit_length() -> None:
     b.node(children=[1], scale=[1, 4, 1], translation=[0, 1, 0])
     b.node(camera=0, rotation=[0, 0, 0.38268343236508984, 0.9238795325112867], translation=[0, 2, 0])
     scene = b.read()
-    assert scene.camera is not None
     pose, X = scene.camera.X_world_camera, scene.nodes.X_world_node[1]
     np.testing.assert_allclose(np.linalg.norm(pose[:3, :3], axis=0), 1.0, atol=1e-12)
     assert abs(pose[:3, 0] @ pose[:3, 1]) > 0.5
@@ -366,13 +361,11 @@ def test_a_sheared_camera_keeps_its_axes_at_unit_length() -> None:
 @pytest.mark.parametrize(("scale", "kept"), [(1 + 1e-13, True), (1 - 1e-13, True), (1 + 1e-11, False)])
 def test_rounding_of_a_cameras_axes_is_not_scale(scale: float, kept: bool) -> None:
     camera = camera_scene(matrix=np.diag((1, scale, 1, 1)).ravel().tolist()).read().camera
-    assert camera is not None
     assert camera.X_world_camera[1, 1] == (-scale if kept else -1.0)
 
 
 def test_a_camera_without_extent_keeps_its_pose() -> None:
     camera = camera_scene(scale=[0, 1, 2]).read().camera
-    assert camera is not None
     assert np.abs(camera.X_world_camera[:3, :3]).sum(axis=0).tolist() == [0, 1, 2]
 
 

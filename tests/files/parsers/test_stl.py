@@ -56,7 +56,6 @@ def test_forms_of_stl_files(data: bytes) -> None:
 )
 def test_colours_of_triangles(header: bytes, spare: tuple[int, int], expected: tuple[tuple[int, ...], ...]) -> None:
     _, colors = read_stl(binary(spare, header), 2, [])
-    assert colors is not None
     assert colors[::3, :3].tolist() == [list(color) for color in expected]
     assert (colors == colors[[0, 0, 0, 3, 3, 3]]).all()
     assert (colors[:, 3] == 255).all()

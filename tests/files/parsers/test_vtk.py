@@ -199,8 +199,6 @@ def test_colors_of_cells(text: str, counts: tuple[int, ...]) -> None:
     rows = " ".join(f"{channel / 255:.6f}" for channel in values.ravel())
     data = f"{text}CELL_DATA {len(counts)}\nCOLOR_SCALARS rgb 3\n{rows}\n".encode()
     positions, triangles, colors = read_vtk(data, 1000, 1000, [])
-    assert triangles is not None
-    assert colors is not None
     assert len(positions) == len(colors) == 3 * len(triangles)
     assert [int((colors[:, :3] == each).all(axis=1).sum()) for each in values] == [3 * count for count in counts]
     assert (colors[:, 3] == 255).all()
@@ -219,7 +217,6 @@ def test_a_cloud_of_vertices_has_its_colors() -> None:
     positions, triangles, colors = read_vtk(f"{text}COLOR_SCALARS rgba 4\n{rows}\n".encode(), 1000, 1000, [])
     assert triangles is None
     assert positions.shape == (5, 3)
-    assert colors is not None
     assert colors.tolist() == SHADES
 
 

@@ -126,7 +126,6 @@ def test_the_texture_of_a_material(tmp_path: Path) -> None:
     texture = '<material name="t"><color rgba="0 1 0 1"/><texture filename="t.png"/></material>'
     with_uv = "vt 0 0\nvt 1 0\nvt 0 1\n" + TRIANGLE.replace("f 1 2 3", "f 1/1 2/2 3/3")
     material = part_of(tmp_path, with_uv, "m.obj", material=texture).material
-    assert material.base_color_texture is not None
     np.testing.assert_array_equal(material.base_color_texture.image.decode()[..., :3], pixels)
     assert material.base_color == pytest.approx((1.0, 1.0, 1.0, 1.0))
     mean = (linear_from_srgb(0.5), 0, linear_from_srgb(0.5), 1)

@@ -4,6 +4,7 @@ import os
 import sys
 from importlib.metadata import version
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
@@ -32,8 +33,8 @@ def mjcf(body: str, rest: str = "") -> str:
     return f'<mujoco model="m">{rest}<worldbody>{body}</worldbody></mujoco>'
 
 
-def read(folder: Path, content: str, **arguments: object) -> Robot:
-    return read_robot(write(folder, content, "robot.xml"), **arguments)  # type: ignore[arg-type]
+def read(folder: Path, content: str, **arguments: Any) -> Robot:
+    return read_robot(write(folder, content, "robot.xml"), **arguments)
 
 
 def test_bodies_joints_and_shapes(tmp_path: Path) -> None:
@@ -49,11 +50,12 @@ def test_bodies_joints_and_shapes(tmp_path: Path) -> None:
     )
     assert robot.name == "m"
     assert robot.links == ("world", "a", "body_2", "ball")
-    assert {name: (joint.kind, joint.default, joint.limits) for name, joint in robot.joints.items()} == {
+    joints: dict[str, Any] = {
         "turn": ("revolute", (0.0,), pytest.approx((-np.pi / 180, np.pi / 180))),
         "slide": ("prismatic", (0.5,), None),
         "free": ("floating", (0, 0, 0, 1, 0, 0, 0), None),
     }
+    assert {name: (joint.kind, joint.default, joint.limits) for name, joint in robot.joints.items()} == joints
     assert [[part.shape for part in parts] for parts in robot.parts] == [
         [],
         [Box((2.0, 4.0, 6.0)), Sphere(2.0)],
@@ -93,7 +95,6 @@ def test_materials_and_textures(tmp_path: Path) -> None:
         ),
     )
     plane, ball, green, gold = (part.material for part in robot.parts[0])
-    assert plane.base_color_texture is not None
     pixels = plane.base_color_texture.image.decode()
     assert pixels.shape == (4, 8, 4)
     assert pixels[0, 0].tolist() == pytest.approx([51, 102, 153, 255], abs=1)
@@ -102,7 +103,6 @@ def test_materials_and_textures(tmp_path: Path) -> None:
     surface = robot.parts[0][0].shape
     assert isinstance(surface, Surface)
     np.testing.assert_allclose(surface.mesh.positions.max(axis=0), (2, 1, 0))
-    assert surface.mesh.uv0 is not None
     np.testing.assert_allclose(np.ptp(surface.mesh.uv0, axis=0), (3, 5))
     # without texture coordinates: the mean colour
     assert ball.base_color[2] == pytest.approx(linear_from_srgb(0.6), abs=0.01)
@@ -132,7 +132,6 @@ def test_texture_of_planes(
     robot = read(tmp_path, mjcf(f'<geom type="plane" size="{size}" material="m"/>', f"<asset>{asset}</asset>"))
     surface = robot.parts[0][0].shape
     assert isinstance(surface, Surface)
-    assert surface.mesh.uv0 is not None
     order = surface.mesh.positions[:, :2].sum(axis=1).argsort()
     np.testing.assert_allclose(surface.mesh.uv0[order[[0, -1]]], (bottom_left, top_right), atol=1e-6)
 
@@ -155,7 +154,6 @@ def test_texture_repeats_of_meshes(tmp_path: Path, uniform: str, repeats: tuple[
     )
     surface = robot.parts[0][0].shape
     assert isinstance(surface, Surface)
-    assert surface.mesh.uv0 is not None
     half_lengths = np.sort(np.ptp(surface.mesh.positions, axis=0) / 2)
     np.testing.assert_allclose(half_lengths, (0.5, 1, 2), atol=1e-6)
     np.testing.assert_allclose(np.ptp(surface.mesh.uv0, axis=0), repeats, atol=1e-5)
@@ -184,9 +182,6 @@ def test_cube_maps_of_boxes(tmp_path: Path) -> None:
     assert uniform.shape == Box((6.0, 4.0, 2.0))
     assert isinstance(box.shape, Surface)
     mesh, texture = box.shape.mesh, box.material.base_color_texture
-    assert texture is not None
-    assert mesh.uv0 is not None
-    assert mesh.normals is not None
     pixels = texture.image.decode()
     assert pixels.shape == (48, 8, 4)
     axes = np.array([(1, 0, 0), (-1, 0, 0), (0, 1, 0), (0, -1, 0), (0, 0, 1), (0, 0, -1)])
@@ -228,8 +223,6 @@ def test_images_on_boxes(tmp_path: Path) -> None:
     assert part.material.base_color_texture is not None
     assert isinstance(part.shape, Surface)
     mesh = part.shape.mesh
-    assert mesh.uv0 is not None
-    assert mesh.normals is not None
     np.testing.assert_allclose(mesh.uv0.max(axis=0), (2, 3))
     corners = mesh.positions[(mesh.uv0 == 0).all(axis=1)]
     assert corners.tolist() == [[3, -2, 1], [-3, -2, 1], [-3, 2, 1], [-3, -2, 1], [-3, 2, 1], [-3, 2, -1]]
@@ -367,7 +360,6 @@ def test_height_fields(tmp_path: Path) -> None:
         part.shape.mesh.positions,
         [(-3, -2, 0.125), (0, -2, 0.25), (3, -2, 0.375), (-3, 2, 0), (0, 2, 0), (3, 2, 0.5)],
     )
-    assert part.shape.mesh.uv0 is not None
     np.testing.assert_allclose(part.shape.mesh.uv0[[0, -1]], [(0, 1), (1, 0)])
     assert part.X_node_part[2, 3] == 1.0
     assert robot.warnings == ()

@@ -30,7 +30,6 @@ def test_a_robot_is_a_node_for_each_link(tmp_path: Path) -> None:
     scene = read_scene(path, SceneOptions(joints=("shoulder=0.5",)))
     expected = read_robot(path).link_poses({"shoulder": 0.5})[1]
     X_world_upper = scene.root.world_matrix(("arm", "upper"))
-    assert X_world_upper is not None
     np.testing.assert_allclose(X_world_upper, expected, atol=1e-15)
     assert list(scene.digests) == ["robot.urdf"]
 
@@ -96,7 +95,6 @@ def test_gltf_files_have_an_up_axis(tmp_path: Path) -> None:
 def test_mesh_files_have_an_up_axis(tmp_path: Path, up: Up) -> None:
     scene = read_scene(write(tmp_path, "v 0 0 0\nv 1 0 0\nv 0 3 0\nf 1 2 3\n", "m.obj"), SceneOptions(up=up))
     bounds = scene_bounds(flatten(scene.root))
-    assert bounds is not None
     assert np.ptp(bounds, axis=0).tolist() == ([1, 0, 3] if up == "y" else [1, 3, 0])
 
 
@@ -133,7 +131,6 @@ def test_all_lengths_of_a_file_are_scaled(tmp_path: Path) -> None:
         (placed.position, original_placed.position),
         (placed.range, original_placed.range),
     ):
-        assert scaled_values is not None
         assert values is not None
         np.testing.assert_allclose(scaled_values, np.multiply(values, 0.001), atol=1e-9)
     assert np.array_equal(scene.cameras[0].X_world_camera[:3, :3], original.cameras[0].X_world_camera[:3, :3])

@@ -158,7 +158,7 @@ def test_arguments_of_device_functions_are_compared_while_they_are_typed() -> No
 
 
 def test_results_are_compared() -> None:
-    def returns(a: I32) -> F32: ...  # type: ignore[empty-body]
+    def returns(a: I32) -> F32: ...
 
     with pytest.raises(TypeError, match="returns I64, not F32"):
         KernelSignature(returns).check_result((types.int32,), types.int64)

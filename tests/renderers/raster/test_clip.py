@@ -49,7 +49,6 @@ def test_clipped_lines_and_triangles_agree_with_the_oracle(corners: Any) -> None
     covered = expected.ids >= 0
     assert covered.any()
     frame = CpuRenderer(1).render(scene, view, Output.DEPTH)
-    assert frame.depth is not None
     assert np.count_nonzero(np.isfinite(frame.depth) != covered) <= 1
     both = np.isfinite(frame.depth) & covered
     np.testing.assert_allclose(frame.depth[both], expected.depth[both], rtol=1e-5)

@@ -21,7 +21,6 @@ def renderer() -> CpuRenderer:
 
 def depth_of(renderer: CpuRenderer, scene: DrawList, **view: Any) -> np.ndarray:
     frame = renderer.render(scene, camera(**view), Output.DEPTH)
-    assert frame.depth is not None
     return frame.depth.copy()
 
 

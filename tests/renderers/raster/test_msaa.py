@@ -33,7 +33,6 @@ def renderer(request: pytest.FixtureRequest) -> Iterator[CpuRenderer]:
 
 def color(renderer: CpuRenderer, scene: DrawList, view: Camera, name: Any, samples: Any = 1) -> NDArray[np.float64]:
     frame = renderer.render(scene, view, Output.COLOR, Look(name, BACKGROUND, samples))
-    assert frame.color is not None
     return frame.color.astype(np.float64)
 
 

@@ -74,7 +74,6 @@ def everything() -> DrawList:
     dots = Mesh(corners, np.arange(8, dtype=np.uint32)[:, None], colors=rainbow)
     sphere = ball(16, 0.8)
     faceted = replace(ball(5, 0.5), normals=None, colors=np.abs(ball(5).positions @ np.eye(3, 4, dtype=np.float32)) + 0)
-    assert faceted.colors is not None
     faceted.colors[:, 3] = 1.0
     return DrawList(
         (
@@ -97,7 +96,6 @@ def wide_view() -> Camera:
 
 def rendered(renderer: CpuRenderer, scene: DrawList, view: Camera, look: Look) -> np.ndarray:
     frame = renderer.render(scene, view, Output.COLOR, look)
-    assert frame.color is not None
     return frame.color.copy()
 
 
@@ -108,7 +106,6 @@ def test_golden_image(renderer: CpuRenderer, look: Look) -> None:
     if regenerates_golden_images():
         cv2.imwrite(str(path), color[..., ::-1])
     golden = cv2.imread(str(path))
-    assert golden is not None
     wrong = np.argwhere((color != golden[..., ::-1]).any(axis=-1))
     assert len(wrong) == 0, f"{len(wrong)} pixels differ, the first at (row, column) {wrong[:4].tolist()}"
 
@@ -180,11 +177,9 @@ def test_small_triangles_do_not_extrapolate(renderer: CpuRenderer) -> None:
 @pytest.mark.parametrize("mirror", [False, True])
 def test_tangents_point_along_u_and_the_bitangent_up(mirror: bool) -> None:
     mesh = quad()
-    assert mesh.uv0 is not None
     uv = mesh.uv0 * (-1, 1) if mirror else mesh.uv0
     made = with_tangents(replace(mesh, uv0=uv.astype(np.float32), tangents=None), 0)
     tangents = made.tangents
-    assert tangents is not None
     assert made.normals is not None
     # In ``quad`` u grows along +X and v along +Y of the optical frame, so that up in the image is -Y.
     np.testing.assert_allclose(tangents[:, :3], np.tile((-1.0 if mirror else 1.0, 0, 0), (4, 1)), atol=1e-6)
@@ -195,6 +190,5 @@ def test_tangents_point_along_u_and_the_bitangent_up(mirror: bool) -> None:
 def test_tangents_of_degenerate_texture_coordinates_are_zero() -> None:
     mesh = quad()
     tangents = with_tangents(replace(mesh, uv0=np.zeros((4, 2), np.float32), tangents=None), 0).tangents
-    assert tangents is not None
     assert (tangents[:, :3] == 0).all()
     assert np.isfinite(tangents).all()

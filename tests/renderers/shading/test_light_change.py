@@ -40,6 +40,5 @@ def test_the_first_directional_light_comes_from_a_direction(
 def test_factors_of_the_key_light_and_of_the_environment() -> None:
     changed = LightChange(strength=1.5, ambient=0.25).applied_to(RIG)
     assert changed.lights == (LAMP, replace(KEY, intensity=3.0), FILL)
-    assert changed.surroundings is not None
     assert changed.surroundings.intensity == 0.25
     assert LightChange(strength=2.0, ambient=2.0).applied_to(Rig((), None)) == Rig((), None)

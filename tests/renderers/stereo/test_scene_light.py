@@ -43,7 +43,6 @@ def factors(
     renderer = CpuRenderer(1)
     frame = renderer.render(scene, looking_down(), Output.COLOR | Output.KEY_FACTOR, look)
     renderer.close()
-    assert frame.key_factor is not None
     return frame.key_factor[:, :64]
 
 

@@ -106,7 +106,6 @@ async def record_events(out: Path) -> None:
         # responses have other channels
         channels = ("--channels", "DIRECTOR_TREE_VIEWER_REQUEST.*|IMU")
         async with running(sys.executable, "-m", "scenegate", "record", str(out), "--lcm-url", url, *channels) as ours:
-            assert ours.stderr is not None
             assert await ours.stderr.readline() == b"Recording ...\n"
             client = await publishing_client(service.tcpq_port)
             await until(lambda: out.exists() and out.stat().st_size >= len(written(EVENTS)))

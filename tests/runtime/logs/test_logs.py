@@ -190,7 +190,6 @@ def test_every_line_is_json_whatever_the_core_of_grpc_says(tmp_path: Path) -> No
     environment = {name: value for name, value in os.environ.items() if name != "GRPC_VERBOSITY"}
     pipes: dict[str, Any] = dict.fromkeys(("stdin", "stdout", "stderr"), subprocess.PIPE)
     with subprocess.Popen(command, env=environment, text=True, **pipes) as server:
-        assert server.stdout is not None
         with socket.create_connection(("127.0.0.1", int(server.stdout.readline())), SECONDS) as client:
             client.sendall(b"no TLS\r\n" * 10)
             while client.recv(4096):  # until the server has refused

@@ -116,8 +116,6 @@ class ServerFactory:
 
     async def start(self) -> tuple[int, int]:
         """Start the next server; return its process id and port."""
-        assert self._process.stdin is not None
-        assert self._process.stdout is not None
         self._process.stdin.write(b"\n")
         while not (line := await self._process.stdout.readline()).startswith(b"server"):
             assert line, "the servers' parent has ended"
@@ -168,9 +166,7 @@ async def test_acknowledged_requests_survive_kill_9(tmp_path: Path) -> None:
             state.add(TreeStore(live))
             for client, (acknowledged, sent) in enumerate(results):
                 mine = live.snapshot.root.find((f"client {client}",))
-                assert mine is not None
                 pose = mine.children["number"].pose
-                assert pose is not None
                 at[client] = int(pose[0])
                 assert acknowledged <= at[client] <= sent
                 expected = models[client].advance(at[client])

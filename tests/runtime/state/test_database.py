@@ -130,7 +130,6 @@ def lost(path: Path) -> tuple[int, int]:
     for suffix, content in before.items():
         assert aside.with_name(aside.name + suffix).read_bytes() == content
     numbers = re.match(r"(\d+) of (\d+) commits", loss)
-    assert numbers is not None
     assert Database(path).loss == "", "said once"
     return int(numbers[1]), int(numbers[2])
 

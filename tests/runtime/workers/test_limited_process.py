@@ -191,7 +191,6 @@ call_limited("tests.runtime.workers.limited_functions:tell_pid_and_sleep", (), P
 
 def test_children_end_with_a_killed_program() -> None:
     with subprocess.Popen([sys.executable, "-c", PROGRAM], stdout=subprocess.PIPE, text=True) as program:
-        assert program.stdout is not None
         child, helper = map(int, program.stdout.readline().split())
         assert is_alive(child)
         program.kill()

@@ -71,7 +71,6 @@ def test_large_meshes_are_bounded_from_outside_and_closely() -> None:
     mesh = Mesh(positions, np.arange(len(positions), dtype=np.uint32)[:, None])
     X = tf.from_pose((5, 0, 0), (0.9, 0.3, 0.1, 0.2))
     found, true = transformed(mesh, X), brute(mesh, X)
-    assert found is not None
     assert (found[0] <= true[0] + 1e-9).all()
     assert (found[1] >= true[1] - 1e-9).all()
     assert np.abs(found - true).max() < 2.0 / 12 * 1.8
@@ -121,11 +120,8 @@ def test_instance_bounds_and_loose_bounds(placed: Any) -> None:
     instances = tuple(Instance(mesh, MATERIAL, X) for X, mesh in placed)
     boxes = bd.instance_bounds(instances)
     for box, instance in zip(boxes, instances, strict=True):
-        assert box is not None
         np.testing.assert_allclose(box, brute(instance.mesh, instance.X_world_mesh), atol=1e-9)
     exact, loose = scene_bounds(DrawList(instances)), bd.loose_bounds(DrawList(instances))
-    assert exact is not None
-    assert loose is not None
     assert (loose[0] <= exact[0] + 1e-9).all()
     assert (loose[1] >= exact[1] - 1e-9).all()
     assert (loose[1] - loose[0] <= 1.8 * (exact[1] - exact[0]) + 1e-6).all()
@@ -140,7 +136,6 @@ def scene(*parts: tuple[str, Part, np.ndarray]) -> Node:
 
 
 def assert_box(found: bd.Bounds | None, expected: list[tuple[float, float, float]]) -> None:
-    assert found is not None
     np.testing.assert_allclose(found, np.array(expected), atol=1e-6)
 
 

@@ -39,7 +39,7 @@ def test_a_broken_texture_is_removed_and_everything_else_stays(field: str) -> No
     textures: dict[str, Any] = {name: Texture(image(1, 1)) for name in TEXTURE_FIELDS}
     original = part(Material(base_color=(1, 0, 0, 1), **{**textures, field: Texture(broken_image())}))
     (repaired,) = without_broken_textures((original,), 100, [])
-    assert repaired.material == replace(original.material, **{field: None})  # type: ignore[arg-type]
+    assert repaired.material == replace(original.material, **{field: None})
     assert repaired.shape is original.shape
     assert repaired.X_node_part is original.X_node_part
     assert (repaired.kind, repaired.source) == ("box", "box.obj")

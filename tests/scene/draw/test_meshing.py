@@ -84,7 +84,6 @@ def test_solids_are_closed_and_match_the_formulae(shape: Any, volume: Any, area:
     [*(meshes_of(shape, MATERIAL)[0][0] for shape, *_ in SOLIDS), primitives.cone(), primitives.capsule(1e-3)],
 )
 def test_unit_meshes_have_unit_outward_normals_that_agree_with_the_winding(mesh: Mesh) -> None:
-    assert mesh.normals is not None
     np.testing.assert_allclose(np.linalg.norm(mesh.normals, axis=1), 1.0, atol=1e-6)
     corners = mesh.positions[mesh.elements].astype(float)
     faces = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
@@ -171,11 +170,9 @@ def test_points_keep_finite_points_with_their_colours() -> None:
 def test_intensity_is_grey_and_rgba_keeps_its_alpha() -> None:
     half, quarter = linear_from_srgb(0.5), linear_from_srgb(0.25)
     ((mesh, _, _),) = meshes_of(cloud(intensity=[0, 0.5, 0, 1]), MATERIAL)
-    assert mesh.colors is not None
     grey = np.array([[0, 0, 0, 1], [half, half, half, 1], [1, 1, 1, 1]])
     np.testing.assert_allclose(mesh.colors, grey, rtol=1e-6)
     ((mesh, _, _),) = meshes_of(cloud(rgb=np.full((4, 4), 0.25)), MATERIAL)
-    assert mesh.colors is not None
     np.testing.assert_allclose(mesh.colors, np.array([[quarter, quarter, quarter, 0.25]] * 3), rtol=1e-6)
 
 
@@ -197,7 +194,6 @@ def test_the_triad_points_along_the_axes_in_red_green_blue() -> None:
     assert mesh.topology is Topology.LINES
     tips = (mesh.positions[mesh.elements[:, 1]] @ matrix[:3, :3].T).astype(float)
     np.testing.assert_allclose(tips, np.eye(3) * 0.5)
-    assert mesh.colors is not None
     np.testing.assert_array_equal(mesh.colors[mesh.elements[:, 1], :3], np.eye(3))
     assert material.base_color == (1.0, 1.0, 1.0, 0.5)
 

@@ -42,7 +42,7 @@ def test_shipped_profiles(name: str) -> None:
     profile = read_profile(name)
     model = profile.model
     assert profile.name == model.name
-    assert name in Settings.model_fields["stereo_profile"].description  # type: ignore[operator]
+    assert name in Settings.model_fields["stereo_profile"].description
     assert f"`{name}`" in PAGE.read_text("utf-8")
     assert profile.stereo.color == (name.endswith("c")), "rc_visard …c has colour"
     if name.startswith("rc_visard"):

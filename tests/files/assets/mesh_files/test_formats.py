@@ -41,7 +41,6 @@ def test_obj_with_materials_and_texture(root: Path, files: MeshFiles) -> None:
     by_alpha = {part.material.alpha_mode: part for part in parts}
     painted, glass = by_alpha[AlphaMode.OPAQUE], by_alpha[AlphaMode.BLEND]
     assert painted.material.base_color == pytest.approx((0.0103, 0.0103, 0.0103, 1), abs=1e-3)
-    assert painted.material.base_color_texture is not None
     pixels = painted.material.base_color_texture.image.decode()
     np.testing.assert_array_equal(pixels, [[(255, 0, 0, 255), (0, 0, 255, 255)]])
     assert glass.material.base_color == pytest.approx((1, 0, 0.2159, 0.25), abs=2e-3)
@@ -49,7 +48,6 @@ def test_obj_with_materials_and_texture(root: Path, files: MeshFiles) -> None:
     assert {part.kind for part in parts} == {"mesh_file"}
     assert {part.source for part in parts} == {"cube.obj"}
     mesh = mesh_of(painted)
-    assert mesh.uv0 is not None
     corner = np.flatnonzero((mesh.positions == (-1, -1, 1)).all(axis=1))
     np.testing.assert_array_equal(mesh.uv0[corner[0]], (0, 1))
 
@@ -85,7 +83,6 @@ def test_a_texture_of_16_bits_in_a_tiff_file(root: Path, files: MeshFiles) -> No
     write(root / "t.mtl", "newmtl m\nmap_Kd p.tiff\n")
     write(root / "t.obj", "mtllib t.mtl\nvt 0 0\n" + TRIANGLE.replace("f 1 2 3", "usemtl m\nf 1/1 2/1 3/1"))
     (part,) = files.load("t.obj")
-    assert part.material.base_color_texture is not None
     assert part.material.base_color_texture.image.decode()[0, 0, 0] == 100
 
 
@@ -100,7 +97,6 @@ def test_textures_of_older_formats(root: Path, files: MeshFiles, format_: str, o
     warnings: list[str] = []
     (part,) = files.load("t.obj", warnings=warnings)
     texture = part.material.base_color_texture
-    assert texture is not None
     assert not warnings
     assert texture.image.decode()[0, 0].tolist() == [200, 100, 50, 255]
 
@@ -127,7 +123,6 @@ def test_textures_beyond_the_total_of_pixels_are_left_out(root: Path) -> None:
 def test_normals_of_the_file_are_kept(root: Path, files: MeshFiles) -> None:
     write(root / "n.obj", "v 0 0 0\nv 1 0 0\nv 0 2 0\nvn 0 0.6 0.8\nf 1//1 2//1 3//1\n")
     mesh = mesh_of(files.load("n.obj")[0])
-    assert mesh.normals is not None
     np.testing.assert_allclose(mesh.normals, np.tile((0, 0.6, 0.8), (3, 1)), atol=1e-6)
 
 
@@ -140,7 +135,6 @@ def test_ply_with_vertex_colours_and_ply_of_points(root: Path, files: MeshFiles)
         f"{head}{colors}element face 1\nproperty list uchar int vertex_indices\nend_header\n{rows}3 0 1 2\n",
     )
     mesh = mesh_of(files.load("c.ply")[0])
-    assert mesh.colors is not None
     # the file has colours as displays show them, a mesh has linear light, which 188 is half of
     light = [(1, 0, 0, 1), (0, 1, 0, 1), (0, 0, 0.5029, 1)]
     np.testing.assert_allclose(mesh.colors[np.argsort(mesh.positions @ (1, 2, 0))], light, atol=1e-4)
@@ -241,7 +235,6 @@ def test_texture_coordinates_start_at_the_top(root: Path, files: MeshFiles) -> N
     write(root / "t.obj", f"mtllib t.mtl\n{TRIANGLE.replace('f 1 2 3', '')}{texture}usemtl m\nf 1/1 2/2 3/3\n")
     (part,) = files.load("t.obj")
     mesh = mesh_of(part)
-    assert mesh.uv0 is not None
     order = np.argsort(mesh.positions @ (1, 2, 0))
     assert mesh.uv0[order].tolist() == [[0, 0.75], [1, 1], [0.5, 0]]
     assert part.material.base_color == (1, 1, 1, 0.5)  # the image replaces the black colour
@@ -258,7 +251,6 @@ def test_texture_coordinates_that_are_not_finite_are_zero(root: Path, files: Mes
     assert warnings == ["'t.obj': 1 of 3 texture coordinates are not finite, they are read as 0"]
     assert part.material.base_color_texture is not None
     uv = mesh_of(part).uv0
-    assert uv is not None
     assert sorted(uv.tolist()) == [[0, 0.75], [0.5, 0], [1, 1]]
 
 
@@ -325,7 +317,6 @@ def test_texture_coordinates_of_the_corners_of_ply_faces(
     mesh = mesh_of(part)
     assert part.material.base_color_texture is not None
     assert (warnings, len(mesh.elements)) == ([], sum(len(face) - 2 for face in faces))
-    assert mesh.uv0 is not None
     u, v = mesh.uv0[mesh.elements].reshape(-1, 2).T
     assert sorted(set(u.tolist())) == [float(number) for number in range(len(faces))]
     vertices = [points.index((x, y)) for x, y in mesh.positions[mesh.elements].reshape(-1, 3)[:, :2].tolist()]
@@ -404,7 +395,6 @@ def test_options_of_textures(
     warnings: list[str] = []
     (part,) = files.load("t.obj", warnings=warnings)
     uv0 = mesh_of(part).uv0
-    assert uv0 is not None
     found = {(float(u), float(1 - v)) for u, v in uv0}
     assert found == {(float(u), float(v)) for u, v in expected}
     assert len(warnings) == len(ignored)

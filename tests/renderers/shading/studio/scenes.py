@@ -104,5 +104,4 @@ def rendered(
 ) -> NDArray[np.uint8]:
     """Render the studio look: (H, W, 3)."""
     frame = renderer.render(scene, camera, Output.COLOR, Look("studio", background, samples, rig))
-    assert frame.color is not None
     return frame.color.copy()

@@ -114,7 +114,6 @@ def test_light_camera_contains_all_points(kind: LightKind) -> None:
     light = slab_over_floor(kind).lights[0]
     points = rng.uniform((-1, 0, 3), (1, 1, 5), (500, 3))
     camera = light_camera(light, points, 512, 0.0)
-    assert camera is not None
     p = points @ camera.X_camera_world[:3, :3].T + camera.X_camera_world[:3, 3]
     pixels = p[:, :2] / p[:, 2:] * camera.fx + camera.cx
     assert (p[:, 2] > camera.near).all()
