@@ -3,8 +3,6 @@
 Run by ``test_concurrent_frames`` in a process of its own, where the C library overwrites memory that is freed.
 """
 
-from __future__ import annotations
-
 import itertools
 import random
 import sys

@@ -3,8 +3,6 @@
 ``SCENEGATE_REGENERATE_PICTURES=1 pytest ...`` writes the golden images anew. Look at them before committing them.
 """
 
-from __future__ import annotations
-
 import os
 from pathlib import Path
 from typing import Any

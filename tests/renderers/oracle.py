@@ -4,8 +4,6 @@ It shares no code with the kernels: edge functions are evaluated at every pixel 
 from each element's own plane, nothing is binned, and of the clipping planes only the near one is used.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -4,8 +4,6 @@ Rounds exactly as the kernels do (same operations in the same order and precisio
 bit. Triangles only, and none that crosses the near plane or the guard band.
 """
 
-from __future__ import annotations
-
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray

@@ -1,7 +1,5 @@
 """Scalar reference for anti-aliasing: the same arithmetic as ``renderers.fxaa``, on arrays instead of pointers."""
 
-from __future__ import annotations
-
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray

@@ -1,7 +1,5 @@
 """Small scenes and cameras for the rasterizer's tests."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The cache: eviction, limits and counters."""
 
-from __future__ import annotations
-
 import gc
 import threading
 from concurrent.futures import ThreadPoolExecutor

@@ -1,7 +1,5 @@
 """Validation of cameras, and the transfer functions of colours."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 from typing import Any

@@ -1,7 +1,5 @@
 """Frames that are rendered at the same time are those that are rendered one after the other."""
 
-from __future__ import annotations
-
 import os
 import subprocess
 import sys

@@ -1,7 +1,5 @@
 """What is cut out of depth, label, instance and normal images: the same as of the colour image."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Depth range of a sensor."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Draw lists: meshes, instance sets, used vertices and names in errors."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

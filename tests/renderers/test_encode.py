@@ -1,7 +1,5 @@
 """Encoders: three independent readers decode every file bit for bit."""
 
-from __future__ import annotations
-
 import io
 import struct
 import zlib

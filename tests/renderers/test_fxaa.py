@@ -1,7 +1,5 @@
 """Anti-aliasing of rendered images."""
 
-from __future__ import annotations
-
 import threading
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Earlier frames do not change the image, although working memory is reused without clearing."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Arbitrary coordinates and matrices: no crash, no out-of-bounds access, valid images."""
 
-from __future__ import annotations
-
 import numpy as np
 from hypothesis import example, given, settings
 from hypothesis import strategies as st

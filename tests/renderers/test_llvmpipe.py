@@ -1,7 +1,5 @@
 """Coverage and depth against Mesa's llvmpipe through OpenGL: another rasterizer, other authors."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator
 from typing import Any
 

@@ -1,7 +1,5 @@
 """A frame with all outputs equals separate frames, although colour culls back faces and geometry does not."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Golden geometry images of one scene with all features."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

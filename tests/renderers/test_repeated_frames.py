@@ -1,7 +1,5 @@
 """Frames that follow each other on one renderer, of the same scene or of others; and pictures of any height."""
 
-from __future__ import annotations
-
 import gc
 import itertools
 import weakref

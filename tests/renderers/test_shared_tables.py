@@ -1,7 +1,5 @@
 """Draw lists with the same meshes and materials share their tables; others do not."""
 
-from __future__ import annotations
-
 import gc
 import weakref
 from collections.abc import Sequence

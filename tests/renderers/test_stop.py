@@ -1,7 +1,5 @@
 """A stopped frame ends soon, is never returned, and does not affect later frames."""
 
-from __future__ import annotations
-
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager

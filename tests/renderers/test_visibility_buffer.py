@@ -1,7 +1,5 @@
 """The rasterizer against the slow oracle, and invariants that hold for any scene."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

@@ -1,7 +1,5 @@
 """After ``warmup`` nothing is compiled: neither in this process nor in another one that finds the cache."""
 
-from __future__ import annotations
-
 import subprocess
 import sys
 

@@ -3,8 +3,6 @@
 Fails when Numba changes what ``renderers.compiler.cache_locator`` uses of it.
 """
 
-from __future__ import annotations
-
 import subprocess
 import sys
 from pathlib import Path

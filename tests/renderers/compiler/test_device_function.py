@@ -1,7 +1,5 @@
 """Device functions are linked into the kernels that call them, and get no machine code of their own."""
 
-from __future__ import annotations
-
 from typing import Any, TypeVar
 
 import numpy as np

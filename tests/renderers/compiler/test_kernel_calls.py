@@ -1,7 +1,5 @@
 """Kernel calls by address, and the atomic counter."""
 
-from __future__ import annotations
-
 import threading
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Kernels have the types of their annotations, and take no others."""
 
-from __future__ import annotations
-
 from typing import Any, Generic, NamedTuple, TypeVar
 
 import numpy as np

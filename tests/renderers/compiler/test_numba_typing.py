@@ -1,7 +1,5 @@
 """Types of our own in kernels: functions, operators, fields and signatures."""
 
-from __future__ import annotations
-
 import itertools
 import math
 import operator

@@ -1,7 +1,5 @@
 """Golden images are bit-identical on a CPU without AVX."""
 
-from __future__ import annotations
-
 import os
 import platform
 import subprocess

@@ -1,7 +1,5 @@
 """Kernels wait until they are compiled in the background."""
 
-from __future__ import annotations
-
 import threading
 from collections.abc import Iterator
 from types import SimpleNamespace

@@ -1,7 +1,5 @@
 """Vectors: every operation lane by lane, the store that must not become a masked one, and equality with scalars."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Clipping at the near plane and at the guard band, and the grid that coordinates are rounded to."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Back-face culling of convex meshes: which meshes qualify, and that the image stays the same."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from typing import Any
 from unittest.mock import patch

@@ -1,7 +1,5 @@
 """Which of several surfaces at a pixel is seen, against the definition: the nearest, of equally near ones the last."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

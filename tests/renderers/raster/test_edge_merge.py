@@ -1,7 +1,5 @@
 """Pairs of primitives at edge pixels that are shaded once."""
 
-from __future__ import annotations
-
 import numpy as np
 from numba import njit
 

@@ -1,7 +1,5 @@
 """Units of work of a frame."""
 
-from __future__ import annotations
-
 import pytest
 
 from renderers.visibility_buffer import band_count

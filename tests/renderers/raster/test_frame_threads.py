@@ -1,7 +1,5 @@
 """Helper threads, array pools, and tables that are collected with their scene."""
 
-from __future__ import annotations
-
 import gc
 import os
 import threading

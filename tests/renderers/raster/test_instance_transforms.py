@@ -1,7 +1,5 @@
 """Instance transforms in the camera frame, and the instances that are drawn."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Lines and points: which pixels they cover, at which depth."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Multisampling: each sample equals the pixel of an image with a shifted principal point."""
 
-from __future__ import annotations
-
 import weakref
 from collections.abc import Iterator
 from typing import Any

@@ -4,8 +4,6 @@ Which primitive a pixel sees comes from the rasterizer. Images of ``renderers.sh
 in float32, may differ from it by one level of 255.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import Any

@@ -4,8 +4,6 @@
 surfaces of each pixel.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 

@@ -1,7 +1,5 @@
 """Depth peeling: blending and alpha masks."""
 
-from __future__ import annotations
-
 import itertools
 from dataclasses import replace
 from typing import Any

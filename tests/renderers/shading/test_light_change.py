@@ -1,7 +1,5 @@
 """Changes of a rig's key light and environment."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import pytest

@@ -1,7 +1,5 @@
 """The phong and pbr looks against the reference, within one level of 255."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from typing import Any
 

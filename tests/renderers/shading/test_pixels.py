@@ -1,7 +1,5 @@
 """SIMD shading against the reference in NumPy: random scenes, odd sizes, row borders."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

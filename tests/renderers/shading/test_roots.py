@@ -1,7 +1,5 @@
 """The colour image as roots of light, in finer steps than bytes, and lights at the limits of numbers."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Interpolation along lines, against float64: the colour of the points that pixels see."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

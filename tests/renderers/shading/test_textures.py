@@ -1,7 +1,5 @@
 """Texture sampling (wrap, filter, texel centres, colour space), decoding of images, and gamma."""
 
-from __future__ import annotations
-
 import gc
 import threading
 import weakref

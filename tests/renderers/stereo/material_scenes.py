@@ -1,7 +1,5 @@
 """Depth of materials: plates before a textured wall, and plain walls that the projector lights."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Final
 

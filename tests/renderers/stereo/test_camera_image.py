@@ -1,7 +1,5 @@
 """Lens, dots, key light and fixed pattern in camera images."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

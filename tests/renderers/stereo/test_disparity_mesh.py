@@ -1,7 +1,5 @@
 """Meshes: file format and surface."""
 
-from __future__ import annotations
-
 import io
 from typing import Any
 

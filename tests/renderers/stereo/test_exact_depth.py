@@ -1,7 +1,5 @@
 """Ground-truth depth of analytic scenes: geometry, holes, filters."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from numpy.typing import NDArray

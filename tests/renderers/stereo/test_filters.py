@@ -1,7 +1,5 @@
 """Post-processing of depth images against OpenCV's segments and components."""
 
-from __future__ import annotations
-
 import cv2
 import numpy as np
 import pytest

@@ -1,7 +1,5 @@
 """Statistics of the fixed pattern."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

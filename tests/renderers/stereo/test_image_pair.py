@@ -1,7 +1,5 @@
 """Camera images at the resolution of depth images: means of square blocks of pixels, and their noise."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from numpy.typing import NDArray

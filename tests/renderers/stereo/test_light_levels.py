@@ -1,7 +1,5 @@
 """The option of the levels of light, and dimming of a scene's lights."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

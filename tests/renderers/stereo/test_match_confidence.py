@@ -1,7 +1,5 @@
 """Error and confidence of matches by texture, agreement and surroundings."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from numpy.typing import NDArray

@@ -1,7 +1,5 @@
 """Matched depth on rendered scenes: confidence, density, materials."""
 
-from __future__ import annotations
-
 import pytest
 
 from renderers.stereo.model import Quality

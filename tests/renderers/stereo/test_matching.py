@@ -1,7 +1,5 @@
 """Matching of camera images with soft dots."""
 
-from __future__ import annotations
-
 from contextlib import closing
 
 import numpy as np

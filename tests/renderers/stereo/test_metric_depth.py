@@ -1,7 +1,5 @@
 """Depth in millimetres, and as seen by a colour camera."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

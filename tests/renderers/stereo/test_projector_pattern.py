@@ -1,7 +1,5 @@
 """Soft dots of the projector."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

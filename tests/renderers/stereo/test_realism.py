@@ -1,7 +1,5 @@
 """Names of the parts of realism."""
 
-from __future__ import annotations
-
 import pytest
 
 from renderers.stereo.realism import REALISM_PARTS, parse_realism

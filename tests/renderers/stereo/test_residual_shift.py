@@ -1,7 +1,5 @@
 """Sub-pixel shift that remains at given disparities."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from numpy.typing import NDArray

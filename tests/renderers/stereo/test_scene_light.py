@@ -1,7 +1,5 @@
 """Key light on surfaces and in shadow."""
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import NDArray
 

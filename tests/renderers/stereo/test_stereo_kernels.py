@@ -1,7 +1,5 @@
 """Kernels of ``renderers.stereo``, pixel by pixel: limits, signs and second components."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from numpy.typing import NDArray

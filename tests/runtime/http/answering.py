@@ -1,7 +1,5 @@
 """An HTTP server in a thread."""
 
-from __future__ import annotations
-
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager

@@ -1,7 +1,5 @@
 """For tests of the HTTP server."""
 
-from __future__ import annotations
-
 import pytest
 
 from gateway.runtime.http.http_protocol import BoundedHttpProtocol

@@ -1,7 +1,5 @@
 """An application on the gateway's HTTP server, on a port of its own."""
 
-from __future__ import annotations
-
 import asyncio
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager

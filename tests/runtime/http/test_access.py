@@ -1,7 +1,5 @@
 """Token, cookie, CSRF, headers and trusted hosts, without a server."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import httpx2

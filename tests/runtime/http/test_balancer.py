@@ -1,7 +1,5 @@
 """Render replicas behind HAProxy with our configuration (deploy/haproxy)."""
 
-from __future__ import annotations
-
 import csv
 import io
 import os

@@ -1,7 +1,5 @@
 """Middleware of every HTTP request: ids, log lines, metrics, and the URL limit."""
 
-from __future__ import annotations
-
 import re
 
 import httpx2

@@ -1,7 +1,5 @@
 """HEAD, 405 and invalid parameters behind the gateway's HTTP server."""
 
-from __future__ import annotations
-
 import asyncio
 from collections.abc import AsyncIterator
 from typing import Annotated

@@ -1,7 +1,5 @@
 """Health with and without a token, and readiness."""
 
-from __future__ import annotations
-
 import os
 from collections.abc import Mapping
 from pathlib import Path

@@ -1,7 +1,5 @@
 """The container's health check: its exit code follows /readyz."""
 
-from __future__ import annotations
-
 import pytest
 
 from gateway.runtime.http import healthcheck

@@ -1,7 +1,5 @@
 """Limits of HTTP connections, and early responses."""
 
-from __future__ import annotations
-
 import asyncio
 import contextlib
 from collections.abc import AsyncIterator

@@ -1,7 +1,5 @@
 """Names of the interfaces, and the pages that describe them."""
 
-from __future__ import annotations
-
 import importlib.metadata
 from collections.abc import Iterator
 from email.message import Message

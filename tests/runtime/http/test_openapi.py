@@ -1,7 +1,5 @@
 """The OpenAPI description of a whole gateway."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Iterator
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Paths below a prefix that a proxy keeps (``--root-path``), and redirects that do without knowing the prefix."""
 
-from __future__ import annotations
-
 from urllib.parse import quote, urljoin
 
 import httpx2

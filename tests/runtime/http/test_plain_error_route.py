@@ -1,7 +1,5 @@
 """503 responses for work that was not done."""
 
-from __future__ import annotations
-
 import httpx2
 import pytest
 from fastapi import APIRouter, FastAPI

@@ -1,7 +1,5 @@
 """A service with a port of its own."""
 
-from __future__ import annotations
-
 import asyncio
 import socket
 

@@ -1,7 +1,5 @@
 """Request bodies on a real connection: pieces, early responses, disconnects, 100-continue, Upgrade."""
 
-from __future__ import annotations
-
 import asyncio
 import contextlib
 import ssl

@@ -1,7 +1,5 @@
 """What the middleware leaves alone, what the log says of open interfaces, and how tokens are described."""
 
-from __future__ import annotations
-
 import asyncio
 from pathlib import Path
 from typing import Any

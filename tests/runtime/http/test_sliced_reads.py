@@ -1,7 +1,5 @@
 """Reads are handled in slices, one per iteration of the event loop."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import Any
 

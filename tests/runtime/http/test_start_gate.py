@@ -1,7 +1,5 @@
 """Requests that arrive before the gateway has started."""
 
-from __future__ import annotations
-
 import asyncio
 
 import httpx2

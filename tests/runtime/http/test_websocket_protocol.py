@@ -1,7 +1,5 @@
 """Limits of WebSocket connections."""
 
-from __future__ import annotations
-
 import asyncio
 import logging
 import struct

@@ -1,7 +1,5 @@
 """Functions that ``test_limited_process`` calls in child processes. They import nothing of this project."""
 
-from __future__ import annotations
-
 import contextlib
 import inspect
 import os

@@ -1,7 +1,5 @@
 """Calls in child processes, with limits on memory and time."""
 
-from __future__ import annotations
-
 import os
 import signal
 import socket

@@ -1,7 +1,5 @@
 """Listening sockets and their errors, and settings of the process."""
 
-from __future__ import annotations
-
 import gc
 import platform
 import resource

@@ -1,7 +1,5 @@
 """Time slices of the event loop's thread and of workers."""
 
-from __future__ import annotations
-
 import ctypes
 import os
 import platform

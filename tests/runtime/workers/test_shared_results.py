@@ -1,7 +1,5 @@
 """One computation for concurrent callers."""
 
-from __future__ import annotations
-
 import asyncio
 from collections import Counter
 

@@ -1,7 +1,5 @@
 """The worker pool: order, limits, deadlines, cancelled callers and shutdown."""
 
-from __future__ import annotations
-
 import asyncio
 import contextvars
 import gc

@@ -1,7 +1,5 @@
 """Reports of several processes: the status of all together, and counters that outlive a process."""
 
-from __future__ import annotations
-
 import errno
 import json
 import os

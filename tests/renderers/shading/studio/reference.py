@@ -1,8 +1,6 @@
 """Reference for the ``studio`` look: slow numpy in float64 over whole images, written from the specifications
 (glTF 2.0, its KHR extensions, OpenGL 4.6 8.14, Khronos PBR Neutral) and not from the kernels."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 

@@ -1,7 +1,5 @@
 """Small scenes of the studio look's tests, and cameras for them."""
 
-from __future__ import annotations
-
 import math
 from typing import Any
 

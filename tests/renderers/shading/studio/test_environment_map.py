@@ -1,7 +1,5 @@
 """Environment lighting against integrals over the sphere."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator
 from dataclasses import replace

@@ -5,8 +5,6 @@ The sheet fills the view at z = -3 with texture coordinates 0 .. 1 and is lit by
 sampled at the nearest texel, so that the expected image needs no filter (``test_reference`` tests filters).
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from types import SimpleNamespace

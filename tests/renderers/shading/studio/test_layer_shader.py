@@ -1,7 +1,5 @@
 """What a layer's shader points into lives as long as the shader."""
 
-from __future__ import annotations
-
 import gc
 import weakref
 from types import SimpleNamespace

@@ -1,7 +1,5 @@
 """Automatic exposure of lights in lux and candela."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Mip levels, tangents, sRGB encoding, sample positions and limits of the light rig."""
 
-from __future__ import annotations
-
 import itertools
 from dataclasses import replace
 

@@ -3,8 +3,6 @@
 ``SCENEGATE_REGENERATE_PICTURES=1 pytest ...`` writes them anew; look at them before committing them.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import replace
 from typing import Any

@@ -1,7 +1,5 @@
 """The studio look against ``reference``: light, textures, normal maps, tone curve, translucency, samples."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import replace
 from typing import Any

@@ -1,7 +1,5 @@
 """Shadows in images of several samples per pixel."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import cv2

@@ -1,7 +1,5 @@
 """Shadow maps against rays towards the light."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import replace
 from typing import Any
