@@ -1,10 +1,8 @@
 """A gateway process with TLS and tokens on every interface, and its log."""
 
-import asyncio
 import ssl
 from collections.abc import Iterator
 from dataclasses import dataclass
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -12,9 +10,6 @@ import grpc
 import httpx2
 import pytest
 from grpc_health.v1 import health_pb2, health_pb2_grpc
-from websockets.asyncio.client import connect
-from websockets.exceptions import InvalidStatus
-from websockets.typing import Origin
 
 from scenegate.camera import image_interface_pb2 as pb
 from tests.support import clients
@@ -23,9 +18,6 @@ from tests.support.command import Ran, scenegate
 from tests.support.gateway_process import GatewayProcess, gateway_process
 from tests.support.waiting import SECONDS
 
-websocket = partial(connect, open_timeout=SECONDS, ping_interval=None)
-"""asyncio's client: the synchronous one reads and writes in two threads, and one TLS connection in two threads loses a
-response once in 600 times with Python 3.11 (OpenSSL allows one thread at a time)."""
 TOKEN, CAMERA = "http-token-0123456789", "grpc-token-0123456789"
 BEARER = {"Authorization": f"Bearer {TOKEN}"}
 
@@ -81,27 +73,6 @@ def test_rest_port_requires_the_token(secured: Secured) -> None:
         assert http.get(url, headers=BEARER).status_code == 200
 
 
-@pytest.mark.slow
-async def test_browser_view_works_with_a_token(secured: Secured) -> None:
-    with secured.http() as http:
-        assert http.get(f"/view?token={TOKEN}").status_code == 303
-        assert http.get("/view").status_code == 200
-        cookie = f"scenegate={http.cookies['scenegate']}"
-    url = secured.url.replace("https", "wss") + "/view/ws"
-    async with websocket(url, ssl=secured.context, additional_headers={"Cookie": cookie}) as socket:
-        async with asyncio.timeout(SECONDS):
-            assert isinstance(await socket.recv(), bytes)
-    with pytest.raises(InvalidStatus):
-        await websocket(url, ssl=secured.context)
-
-
-async def test_cross_site_websocket_is_refused(secured: Secured) -> None:
-    url = secured.url.replace("https", "wss") + "/view/ws"
-    with pytest.raises(InvalidStatus) as caught:
-        await websocket(url, ssl=secured.context, additional_headers=BEARER, origin=Origin("https://evil.example"))
-    assert caught.value.response.status_code == 403
-
-
 def test_cors_allows_configured_origins_only(secured: Secured) -> None:
     with secured.http() as http:
         for origin, allowed in {"https://page.example": True, "https://evil.example": False}.items():
@@ -111,18 +82,6 @@ def test_cors_allows_configured_origins_only(secured: Secured) -> None:
             answer = http.get("/scene", headers={**BEARER, "Origin": origin})
             assert ("access-control-allow-origin" in answer.headers) is allowed
             assert not allowed or "X-Scene-Revision" in answer.headers["access-control-expose-headers"]
-
-
-def test_unknown_host_header_is_refused(secured: Secured) -> None:
-    with secured.http() as http:
-        answer = http.get("/scene", headers={**BEARER, "Host": "rebound.example"})
-        assert answer.status_code == 421
-        assert "--trusted-hosts" in answer.text
-
-
-def test_plain_http_fails_on_a_tls_port(secured: Secured) -> None:
-    with pytest.raises(httpx2.HTTPError):
-        clients.get(secured.url.replace("https", "http") + "/healthz")
 
 
 def stream(secured: Secured, metadata: Any) -> Any:
@@ -180,14 +139,3 @@ def test_stream_command_without_the_right_token(secured: Secured, tmp_path: Path
     result = streamed(secured, tmp_path, "--ca", str(tmp_path / "ca.pem"), *arguments)
     assert result.exit_code == 1
     assert "UNAUTHENTICATED: the metadata needs 'authorization: Bearer TOKEN'" in result.stderr
-
-
-def test_unusable_token_file_ends_the_start_with_one_sentence(tmp_path: Path) -> None:
-    (tmp_path / "token").write_text("short")
-    process = GatewayProcess("--http-port", "0", "--http-token-file", str(tmp_path / "token"))
-    try:
-        _, line = process.rest_of_log()  # the first one says that it starts
-        assert process.process.wait(SECONDS) == 1
-    finally:
-        process.kill()
-    assert line["event"].startswith("Token 1 of the token file")

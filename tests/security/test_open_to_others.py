@@ -4,6 +4,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from structlog.testing import capture_logs
 
 from gateway.runtime.http.security import Security
 from gateway.runtime.settings import Settings, SettingsError
@@ -58,11 +59,32 @@ def test_nothing_is_missing_with_tls_and_token(token: Path, tmp_path: Path) -> N
     assert found == {"HTTP": "", "The stereo camera's gRPC": ""}
 
 
-def test_lcm_beyond_this_machine_is_listed(monkeypatch: pytest.MonkeyPatch) -> None:
-    assert "LCM" in exposed(lcm_url="udpm://239.255.76.67:7667?ttl=1")
-    assert "LCM" not in exposed(lcm_url="udpm://239.255.76.67:7667?ttl=0")
-    monkeypatch.setenv("LCM_DEFAULT_URL", "udpm://239.255.76.67:7667?ttl=1")
-    assert "LCM" in exposed()
+@pytest.mark.parametrize(
+    ("url", "listed"),
+    [
+        ("udpm://239.1.1.1:1?ttl=1", True),
+        ("udpm://239.1.1.1:1?ttl=0", False),
+        ("udpm://239.1.1.1:1", False),
+        ("tcpq://h:1?ttl=1", False),
+    ],
+)
+def test_lcm_beyond_this_machine_is_listed(url: str, listed: bool, monkeypatch: pytest.MonkeyPatch) -> None:
+    assert list(exposed(lcm_url=url)) == ["LCM"] * listed
+    monkeypatch.setenv("LCM_DEFAULT_URL", url)
+    assert list(exposed()) == ["LCM"] * listed
+
+
+def test_open_interfaces_are_logged(token: Path) -> None:
+    def log_of(**settings: Any) -> list[tuple[str, str]]:
+        with capture_logs() as entries:
+            Security.from_settings(Settings(**settings)).log_exposure()
+        return [(entry["log_level"], entry["event"]) for entry in entries]
+
+    assert log_of() == []
+    event = "HTTP is open to other machines (0.0.0.0 port 1234) without {}; see docs/security.md"
+    flags = {"host": "0.0.0.0", "only": "render", "http_port": 1234}
+    assert log_of(**flags) == [("warning", event.format("TLS and a token"))]
+    assert log_of(**flags, http_token_file=token) == [("warning", event.format("TLS"))]
 
 
 def test_unusable_files_are_reported_before_any_port_is_open(tmp_path: Path) -> None:

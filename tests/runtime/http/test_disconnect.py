@@ -40,7 +40,8 @@ async def test_returns_the_result_or_raises_the_error_of_the_work() -> None:
         await while_connected(Client().request, fail())
 
 
-async def test_cancels_the_work_when_the_client_disconnects() -> None:
+@pytest.mark.parametrize("disconnects", [True, False])
+async def test_cancels_the_work_when_the_client_disconnects_or_the_caller_is_cancelled(disconnects: bool) -> None:
     client, begun, cancelled = Client(), asyncio.Event(), asyncio.Event()
 
     async def work() -> None:
@@ -52,26 +53,8 @@ async def test_cancels_the_work_when_the_client_disconnects() -> None:
 
     waiting = asyncio.create_task(while_connected(client.request, work()))
     await begun.wait()
-    client.leave()
-    with pytest.raises(ClientDisconnect):
-        await waiting
-    await cancelled.wait()
-
-
-async def test_cancels_the_work_with_its_caller() -> None:
-    begun, cancelled = asyncio.Event(), asyncio.Event()
-
-    async def work() -> None:
-        begun.set()
-        try:
-            await asyncio.Event().wait()
-        finally:
-            cancelled.set()
-
-    waiting = asyncio.create_task(while_connected(Client().request, work()))
-    await begun.wait()
-    waiting.cancel()
-    with pytest.raises(asyncio.CancelledError):
+    client.leave() if disconnects else waiting.cancel()
+    with pytest.raises(ClientDisconnect if disconnects else asyncio.CancelledError):
         await waiting
     await cancelled.wait()
 

@@ -1,6 +1,8 @@
 """Middleware of every HTTP request: ids, log lines, metrics, and the URL limit."""
 
+import asyncio
 import re
+from typing import Any
 
 import httpx2
 import pytest
@@ -10,8 +12,11 @@ from starlette.middleware.body_limit import RequestBodyLimitMiddleware
 from starlette.types import ASGIApp
 from structlog.testing import capture_logs
 
+from gateway.runtime.http.access import Access
 from gateway.runtime.http.edge import Edge
 from gateway.runtime.http.protection import MAX_TARGET_BYTES, Protection
+from gateway.runtime.http.start_gate import StartGate
+from gateway.runtime.http.tokens import Tokens
 from gateway.runtime.logs.metrics_registry import Metrics
 
 
@@ -43,6 +48,21 @@ async def test_request_id_is_returned_or_replaced() -> None:
         assert re.fullmatch("[0-9a-f]{32}", made.headers["x-request-id"])
         unfit = await http.get("/things/a", headers={"X-Request-ID": "a b{}"})
         assert re.fullmatch("[0-9a-f]{32}", unfit.headers["x-request-id"])
+
+
+async def test_lifespans_pass() -> None:
+    scopes: list[Any] = []
+
+    async def app(scope: Any, receive: Any, send: Any) -> None:
+        scopes.append(scope)
+
+    gate = StartGate(started=asyncio.Event(), problem=lambda: "broken", open_paths=frozenset())
+    access, protection = Access(tokens=Tokens("0123456789abcdef")), Protection(hosts=("here",))
+    never: Any = None
+    await Edge(app, access=access, protection=protection, metrics=Metrics(), gate=gate)(
+        scope := {"type": "lifespan", "path": ""}, never, never
+    )
+    assert scopes == [scope]
 
 
 async def test_one_log_line_per_request() -> None:

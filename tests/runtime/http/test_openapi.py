@@ -66,6 +66,8 @@ def test_common_errors_are_described(schema: dict[str, Any]) -> None:
     for name, operation in operations(schema):
         assert {"421", "500", "503"} <= operation["responses"].keys(), name
         assert name.startswith("GET ") or "text/plain" in operation["responses"]["403"]["content"], name
+        if "422" in operation["responses"] and "/api/" not in name:  # the device's errors are JSON
+            assert "text/plain" in operation["responses"]["422"]["content"], name
     assert "security" not in schema
 
 

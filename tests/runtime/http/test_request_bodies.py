@@ -2,7 +2,6 @@
 
 import asyncio
 import contextlib
-import ssl
 import weakref
 from collections.abc import AsyncIterator, Callable
 from contextlib import AbstractAsyncContextManager, asynccontextmanager
@@ -17,7 +16,7 @@ from starlette.requests import ClientDisconnect
 from gateway.runtime.http import http_protocol
 from gateway.runtime.http.disconnect import while_connected
 from gateway.runtime.http.http_protocol import CONNECTION, BoundedHttpProtocol
-from tests.runtime.http.listening import listening
+from tests.runtime.http.listening import connected, listening
 from tests.support.certificates import certificate
 from tests.support.waiting import SECONDS, until
 
@@ -37,7 +36,12 @@ class Application:
     whole: bool = False
     """True: bodies of known length are received into one buffer."""
 
-    async def __call__(self, http: Request) -> Response:
+    def app(self) -> FastAPI:
+        app = FastAPI()
+        app.add_api_route("/take", self.take, methods=["POST"])
+        return app
+
+    async def take(self, http: Request) -> Response:
         body = bytearray()
 
         def count(total: int) -> None:
@@ -72,13 +76,7 @@ def endpoint(request: pytest.FixtureRequest) -> Application:
 
 @asynccontextmanager
 async def serving(endpoint: Application) -> AsyncIterator[Callable[[], AbstractAsyncContextManager[Address]]]:
-    app = FastAPI()
-
-    @app.post("/take")
-    async def take(request: Request) -> Response:
-        return await endpoint(request)
-
-    async with listening(app) as port, asyncio.timeout(SECONDS):
+    async with listening(endpoint.app()) as port, asyncio.timeout(SECONDS):
 
         @asynccontextmanager
         async def connect() -> AsyncIterator[Address]:
@@ -124,19 +122,12 @@ async def test_body_arrives_whole_in_pieces_of_any_size(endpoint: Application, s
     assert endpoint.received == 3 * len(body)
 
 
-async def test_small_requests_in_one_packet(endpoint: Application) -> None:
+@pytest.mark.parametrize("size", [5, 100_000])
+async def test_pipelined_requests_with_bodies(endpoint: Application, size: int) -> None:
+    bodies = (b"a" * size, b"b" * size, b"")
     async with serving(endpoint) as connect, connect() as (reader, writer):
-        writer.write(post(b"first") + post(b"second") + post(b"third"))
-        for body in (b"first", b"second", b"third"):
-            assert await answer(reader) == (200, summary(body))
-    assert endpoint.outcomes == ["complete"] * 3
-
-
-async def test_pipelined_requests_with_bodies(endpoint: Application) -> None:
-    first, second = b"a" * 100_000, b"b" * 100_000
-    async with serving(endpoint) as connect, connect() as (reader, writer):
-        writer.write(post(first) + post(second) + post(b""))
-        for body in (first, second, b""):
+        writer.write(b"".join(post(body) for body in bodies))
+        for body in bodies:
             assert await answer(reader) == (200, summary(body))
     assert endpoint.outcomes == ["complete"] * 3
 
@@ -196,22 +187,14 @@ async def test_offers_of_http_2_are_ignored(endpoint: Application, last: bool) -
 
 async def test_an_offer_of_http_2_may_arrive_in_two_slices() -> None:
     """Whatever the place where the head is cut."""
-    app = FastAPI()
-
-    @app.post("/take")
-    async def take(request: Request) -> Response:
-        return Response(await request.body())
-
     offer = b"Connection: Upgrade, HTTP2-Settings\r\nContent-Length: 3\r\nHTTP2-Settings: AAEAAEAA\r\nUpgrade: h2c"
     whole = b"POST /take HTTP/1.1\r\nHost: h\r\n" + offer + b"\r\n\r\nabc"
-    async with listening(app) as port, asyncio.timeout(SECONDS):
-        reader, writer = await asyncio.open_connection("127.0.0.1", port)
+    async with connected(Application().app()) as (reader, writer):
         for end in range(1, len(whole)):
             for part in (whole[:end], whole[end:]):
                 writer.write(part)
                 await asyncio.sleep(0.002)
-            assert await answer(reader) == (200, b"abc"), whole[:end]
-        writer.close()
+            assert await answer(reader) == (200, summary(b"abc")), whole[:end]
 
 
 @pytest.mark.parametrize("more", [b"content-length: 300000", b"transfer-encoding: chunked"])
@@ -235,11 +218,9 @@ async def test_refused_upgrade_waits_for_an_earlier_response(received: list[int]
 
     first = b"POST /take HTTP/1.1\r\nhost: h\r\ncontent-length: 1\r\n\r\nx"
     other = b"POST /take HTTP/1.1\r\nhost: h\r\nconnection: Upgrade\r\nupgrade: h2c\r\ncontent-length: 1\r\n\r\nx"
-    async with listening(app) as port, asyncio.timeout(SECONDS):
-        reader, writer = await asyncio.open_connection("127.0.0.1", port)
+    async with connected(app) as (reader, writer):
         writer.write(first + other)
         assert await answer(reader) == (200, b"taken")
-        writer.close()
 
 
 async def test_unsupported_upgrade_without_a_body_is_ignored(endpoint: Application) -> None:
@@ -259,17 +240,8 @@ async def test_larger_bodies_arrive_in_pieces(endpoint: Application, monkeypatch
 
 
 async def test_bodies_over_tls(endpoint: Application, tmp_path: Path) -> None:
-    tls = certificate(tmp_path)
-    app = FastAPI()
-
-    @app.post("/take")
-    async def take(request: Request) -> Response:
-        return await endpoint(request)
-
-    context = ssl.create_default_context(cafile=str(tls[0]))
     body = bytes(range(256)) * 4000
-    async with listening(app, tls) as port, asyncio.timeout(SECONDS):
-        reader, writer = await asyncio.open_connection("127.0.0.1", port, ssl=context)
+    async with connected(endpoint.app(), certificate(tmp_path)) as (reader, writer):
         for _ in range(2):
             for start in range(0, len(whole := post(body)), 300_000):
                 writer.write(whole[start : start + 300_000])
@@ -301,13 +273,11 @@ def test_body_is_released_while_the_connection_stays_open() -> None:
                 await connection.receive_body(request.scope, on_bytes)
             return Response(b"taken")
 
-        async with listening(app) as port, asyncio.timeout(SECONDS):
-            reader, writer = await asyncio.open_connection("127.0.0.1", port)
+        async with connected(app) as (reader, writer):
             for size in (400_000, 600_000):
                 writer.write(post(bytes(size)))
                 assert await answer(reader) == (200, b"taken")
                 await until(lambda: counters[-1]() is None)
-            writer.close()
 
     uvloop.run(run())
 
@@ -320,18 +290,15 @@ async def test_buffer_grows_with_what_has_arrived() -> None:
     async def take(request: Request) -> Response:
         connection: BoundedHttpProtocol = request.scope[CONNECTION]
         body = await connection.receive_body(request.scope, lambda buffer, count: sizes.append((len(buffer), count)))
-        assert body is not None
         return Response(summary(bytes(body)))
 
     body = bytes(range(256)) * 8000
-    async with listening(app) as port, asyncio.timeout(SECONDS):
-        reader, writer = await asyncio.open_connection("127.0.0.1", port)
+    async with connected(app) as (reader, writer):
         writer.write(post(body)[: -len(body)])
         await until(lambda: sizes == [(1 << 16, 0)])
         for start in range(0, len(body), 30_000):
             writer.write(body[start : start + 30_000])
             await until(lambda end=start + 30_000: sizes[-1][1] >= min(end, len(body)))  # type: ignore[misc]  # no type for a default
         assert await answer(reader) == (200, summary(body))
-        writer.close()
     assert all(size <= max(16 * count, 1 << 16) for size, count in sizes)
     assert sizes[-1] == (len(body), len(body))

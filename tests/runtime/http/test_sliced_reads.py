@@ -119,15 +119,3 @@ def assert_nothing_is_kept(reader: Any) -> None:
     reader.transport.closing = False
     reader.data_received(b"new")
     assert reader.slices[-1] == b"new"
-
-
-@pytest.mark.parametrize(
-    "missing",
-    [
-        lambda reads: reads.slice_received(b""),
-        lambda reads: reads.reading_paused(),
-    ],
-)
-def test_subclasses_say_how_slices_are_handled(missing: Callable[[SlicedReads], Any]) -> None:
-    with pytest.raises(NotImplementedError):
-        missing(SlicedReads())

@@ -10,8 +10,7 @@ import pytest
 from fastapi import FastAPI, WebSocket, WebSocketDisconnect
 
 from gateway.runtime.http.websocket_protocol import MAX_FRAGMENTS, SLICE_BYTES, BoundedWebSocketProtocol
-from tests.runtime.http.listening import listening
-from tests.support.waiting import SECONDS
+from tests.runtime.http.listening import connected
 
 UPGRADE = (
     b"GET /ws HTTP/1.1\r\nHost: localhost\r\nUpgrade: websocket\r\nConnection: Upgrade\r\n"
@@ -27,7 +26,7 @@ def frame(opcode: int, payload: bytes = b"", *, last: bool = True) -> bytes:
 
 
 @asynccontextmanager
-async def connected() -> AsyncIterator[tuple[asyncio.StreamReader, asyncio.StreamWriter, list[str]]]:
+async def upgraded() -> AsyncIterator[tuple[asyncio.StreamReader, asyncio.StreamWriter, list[str]]]:
     """An upgraded connection to an application that takes messages and sends them back."""
     app = FastAPI()
     got: list[str] = []
@@ -42,12 +41,10 @@ async def connected() -> AsyncIterator[tuple[asyncio.StreamReader, asyncio.Strea
         except WebSocketDisconnect as end:
             got.append(str(end.code))
 
-    async with listening(app) as port, asyncio.timeout(SECONDS):
-        reader, writer = await asyncio.open_connection("127.0.0.1", port)
+    async with connected(app) as (reader, writer):
         writer.write(UPGRADE)
         assert b" 101 " in await reader.readuntil(b"\r\n\r\n")
         yield reader, writer, got
-        writer.close()
 
 
 @pytest.mark.parametrize(
@@ -67,17 +64,15 @@ async def test_a_refused_handshake_closes_the_connection(request_head: bytes, st
     async def closed(socket: WebSocket) -> None:
         await socket.close()
 
-    async with listening(app) as port, asyncio.timeout(SECONDS):
-        reader, writer = await asyncio.open_connection("127.0.0.1", port)
+    async with connected(app) as (reader, writer):
         writer.write(request_head)
         response = await reader.read()  # until the end of the connection
-        writer.close()
     assert response.startswith(f"HTTP/1.1 {status} ".encode())
 
 
 @pytest.mark.parametrize("payload", [b"", b"x"], ids=["empty", "of a byte"])
 async def test_fragments_of_a_message_are_limited(payload: bytes) -> None:
-    async with connected() as (reader, writer, got):
+    async with upgraded() as (reader, writer, got):
         fragments = frame(TEXT, last=False) + frame(CONTINUATION, payload, last=False) * (MAX_FRAGMENTS - 2)
         writer.write(fragments + frame(CONTINUATION, b"!"))
         expected = payload.decode() * (MAX_FRAGMENTS - 2) + "!"
@@ -90,7 +85,7 @@ async def test_fragments_of_a_message_are_limited(payload: bytes) -> None:
 @pytest.mark.parametrize("fragments", [1, 2])
 async def test_text_that_is_not_utf_8_closes_the_connection(fragments: int, caplog: pytest.LogCaptureFixture) -> None:
     with caplog.at_level(logging.DEBUG):
-        async with connected() as (reader, writer, got):
+        async with upgraded() as (reader, writer, got):
             writer.write(frame(TEXT, "é".encode()[:1] + b"x") if fragments == 1 else b"")
             writer.write(b"" if fragments == 1 else frame(TEXT, b"\xff", last=False) + frame(CONTINUATION, b"x"))
             writer.write(frame(TEXT, b"\xff") + frame(TEXT, b"late"))
@@ -102,7 +97,7 @@ async def test_text_that_is_not_utf_8_closes_the_connection(fragments: int, capl
 
 
 async def test_characters_may_be_split_between_fragments() -> None:
-    async with connected() as (reader, writer, got):
+    async with upgraded() as (reader, writer, got):
         data = "é".encode()
         writer.write(frame(TEXT, data[:1], last=False) + frame(CONTINUATION, data[1:]))
         assert (await reader.readexactly(4))[2:] == data
@@ -124,15 +119,13 @@ async def test_frames_before_the_handshake_close_the_connection(
             await socket.receive_text()
 
     with caplog.at_level(logging.DEBUG):
-        async with listening(app) as port, asyncio.timeout(SECONDS):
-            reader, writer = await asyncio.open_connection("127.0.0.1", port)
+        async with connected(app) as (reader, writer):
             writer.write(UPGRADE)
             await answering.wait()
             writer.write(frame(TEXT, b"\xff"))
             with suppress(ConnectionError):
                 assert await reader.read() == b""
             answered.set()
-            writer.close()
     assert not [record for record in caplog.records if record.levelno > logging.INFO or record.exc_info]
 
 
@@ -145,7 +138,7 @@ async def test_frames_are_parsed_in_slices(monkeypatch: pytest.MonkeyPatch) -> N
         original(self, data)
 
     monkeypatch.setattr(BoundedWebSocketProtocol, "slice_received", slice_received)
-    async with connected() as (reader, writer, got):
+    async with upgraded() as (reader, writer, got):
         writer.write(frame(PONG, b"p" * 100) * 1000 + frame(TEXT, b"end"))
         assert await reader.readexactly(5) == b"\x81\x03end"
     assert len(sizes) > 50
