@@ -59,10 +59,9 @@ async def test_lifespans_pass() -> None:
     gate = StartGate(started=asyncio.Event(), problem=lambda: "broken", open_paths=frozenset())
     access, protection = Access(tokens=Tokens("0123456789abcdef")), Protection(hosts=("here",))
     never: Any = None
-    await Edge(app, access=access, protection=protection, metrics=Metrics(), gate=gate)(
-        scope := {"type": "lifespan", "path": ""}, never, never
-    )
-    assert scopes == [scope]
+    edge = Edge(app, access=access, protection=protection, metrics=Metrics(), gate=gate)
+    await edge({"type": "lifespan", "path": ""}, never, never)
+    assert scopes == [{"type": "lifespan", "path": ""}]
 
 
 async def test_one_log_line_per_request() -> None:

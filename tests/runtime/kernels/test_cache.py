@@ -248,42 +248,34 @@ def test_a_complete_folder_is_used_although_it_cannot_be_written(cache: Path, mo
     assert kernels.are_cached()
 
 
-async def test_a_chosen_folder_that_cannot_be_written_is_an_error(cache: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv("NUMBA_CACHE_DIR", "/proc/kernels")
-    with pytest.raises(kernels.KernelError, match=r"/proc/kernels/.* cannot be written: "):
-        await kernels.compile_missing(["shading"], KernelProgress({"shading": 1}))
-
-
-async def test_without_a_place_for_a_private_folder_the_error_names_the_first(
-    cache: Path, monkeypatch: pytest.MonkeyPatch
+@pytest.mark.parametrize(
+    ("variable", "reason"),
+    [
+        ("NUMBA_CACHE_DIR", "/proc/none/.* cannot be written: "),
+        ("SCENEGATE_CACHE_DIR", "/proc/none/kernels/.* cannot be written"),  # nor is there a place for a private one
+        ("", "1 MB free .*16 MB"),
+    ],
+)
+async def test_a_folder_that_cannot_be_filled_is_an_error_before_anything_is_compiled(
+    cache: Path, monkeypatch: pytest.MonkeyPatch, variable: str, reason: str
 ) -> None:
-    monkeypatch.setenv("SCENEGATE_CACHE_DIR", "/proc/none")
-    monkeypatch.setattr(tempfile, "tempdir", "/proc/none")
-    with pytest.raises(kernels.KernelError, match=r"/proc/none/kernels/.* cannot be written"):
+    if variable:
+        monkeypatch.setenv(variable, "/proc/none")
+        monkeypatch.setattr(tempfile, "tempdir", "/proc/none")
+    else:
+        monkeypatch.setattr(shutil, "disk_usage", lambda path: (1 << 30, 1 << 30, 1 << 20))
+    with pytest.raises(kernels.KernelError, match=reason):
         await kernels.compile_missing(["shading"], KernelProgress({"shading": 1}))
 
 
-async def test_a_full_disk_is_an_error_before_anything_is_compiled(
-    cache: Path, monkeypatch: pytest.MonkeyPatch
+@pytest.mark.parametrize(("commands", "reason"), [("exit 1", "exit code 1$"), ("kill -KILL $$", "killed, .*memory")])
+async def test_a_child_that_fails_is_an_error_of_one_sentence(
+    cache: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, commands: str, reason: str
 ) -> None:
-    monkeypatch.setattr(shutil, "disk_usage", lambda path: (1 << 30, 1 << 30, 1 << 20))
-    with pytest.raises(kernels.KernelError, match=r"1 MB free .*16 MB"):
-        await kernels.compile_missing(["shading"], KernelProgress({"shading": 1}))
-
-
-async def test_a_child_that_fails_is_an_error_of_one_sentence(cache: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(sys, "executable", "/bin/false")
-    with pytest.raises(kernels.KernelError, match=r"exit code 1$"):
+    monkeypatch.setattr(sys, "executable", script(tmp_path, commands))
+    with pytest.raises(kernels.KernelError, match=reason):
         await kernels.compile_in_children(["shading"], KernelProgress({"shading": 1}))
     assert not kernels.are_cached()
-
-
-async def test_a_killed_child_is_an_error_that_says_so(
-    cache: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(sys, "executable", script(tmp_path, "kill -KILL $$"))
-    with pytest.raises(kernels.KernelError, match=r"killed, .*memory"):
-        await kernels.compile_in_children(["shading"], KernelProgress({"shading": 1}))
 
 
 async def test_cancelled_twice_while_children_compile(

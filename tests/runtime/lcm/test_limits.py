@@ -7,7 +7,6 @@ import pytest
 from gateway.runtime.lcm.subscriptions import PatternError, Subscriptions
 from scenegate.lcm import event_log, tcpq, udpm
 from scenegate.lcm.event_log import EventLogError, pack_event, read_events
-from scenegate.lcm.receive_queue import OVERHEAD_BYTES, ReceiveQueue
 from scenegate.lcm.tcpq import (
     CLIENT_HELLO,
     MAGIC_CLIENT,
@@ -17,7 +16,6 @@ from scenegate.lcm.tcpq import (
     publish_header,
     subscription_frame,
 )
-from scenegate.lcm.transport import LcmMessage
 from scenegate.lcm.udpm_assembler import MAX_PARTIAL, MIN_FRAGMENT_BYTES, Assembler
 
 
@@ -76,23 +74,6 @@ def test_pattern_of_the_maximum_length() -> None:
     assert subscriptions.add(longest) is not None
     with pytest.raises(PatternError, match="it has 1999 bytes, 1998 are possible"):
         subscriptions.add(longest + "x")
-
-
-def test_cost_of_a_clients_patterns() -> None:
-    subscriptions = Subscriptions(9)
-    subscriptions.add("a.*.*.*")
-    subscriptions.add("b.*.*.*")
-    with pytest.raises(PatternError, match="too long to match"):
-        subscriptions.add("c")
-    subscriptions.remove("a.*.*.*")
-    assert subscriptions.add("c") is not None
-
-
-def test_queue_that_is_exactly_full() -> None:
-    queue = ReceiveQueue(2 * (10 + OVERHEAD_BYTES))
-    for _ in range(3):
-        queue.put(LcmMessage("c", bytes(10)))
-    assert queue.status() == {"waiting_bytes": 2 * (10 + OVERHEAD_BYTES), "dropped": 1, "dropped_bytes": 10}
 
 
 def test_channel_of_the_maximum_length_over_udp() -> None:

@@ -30,18 +30,11 @@ def open_udpm(url: str, message_bytes: int = 1 << 20, **limits: Any) -> UdpmTran
 @pytest.mark.lcm
 async def test_drops_and_counts_messages_beyond_the_queue_limit(url: str) -> None:
     transport = open_udpm(url, queued_bytes=3000)
-    try:
-        for _ in range(20):
-            transport.queue.put(LcmMessage("c", b"x" * 744))
-        status = transport.status()
-        assert (status["waiting_bytes"], status["dropped"], status["dropped_bytes"]) == (3000, 17, 17 * 744)
-        received: list[str] = []
-        transport.start(lambda message: received.append(message.channel), lambda: None)
-        join(url).publish(REQUEST, b"y")
-        await until(lambda: len(received) >= 3)
-        assert transport.queue.waiting_bytes <= 1000
-    finally:
-        await transport.close()
+    for _ in range(20):
+        transport.queue.put(LcmMessage("c", b"x" * 744))
+    status = transport.status()
+    assert (status["waiting_bytes"], status["dropped"], status["dropped_bytes"]) == (3000, 17, 17 * 744)
+    await transport.close()
 
 
 class Narrow:

@@ -14,7 +14,6 @@ from scenegate.lcm import liblcm_transport
 from scenegate.lcm.transport import LcmMessage, LcmUnavailableError
 from tests.adapters.treeviewer.transports import config_of, serving
 from tests.support.liblcm import liblcm
-from tests.support.waiting import until
 
 
 @pytest.fixture
@@ -55,18 +54,10 @@ async def test_udp_multicast_works_without_libglib(url: str, without_lcm: None) 
 async def test_liblcm_transport_limits_its_queue() -> None:
     liblcm()
     transport = liblcm_transport.LiblcmTransport("memq://", f"{REQUEST}.*", max_queued_bytes=3000)
-    try:
-        for _ in range(20):
-            transport.queue.put(LcmMessage("c", b"x" * 744))
-        status = transport.status()
-        assert (status["waiting_bytes"], status["dropped"], status["dropped_bytes"]) == (3000, 17, 17 * 744)
-        received: list[str] = []
-        transport.start(lambda message: received.append(message.channel), lambda: None)
-        transport.publish(REQUEST, b"y")
-        await until(lambda: len(received) >= 3)
-        assert transport.queue.waiting_bytes <= 1000
-    finally:
-        await transport.close()
+    for _ in range(20):
+        transport.queue.put(LcmMessage("c", b"x" * 744))
+    assert transport.status() == {"url": "memq://", "waiting_bytes": 3000, "dropped": 17, "dropped_bytes": 17 * 744}
+    await transport.close()
 
 
 @pytest.mark.lcm

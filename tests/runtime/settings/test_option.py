@@ -5,7 +5,7 @@ from typing import Any
 import pytest
 
 from gateway.runtime.settings import Settings
-from gateway.runtime.settings.option import default_of, env_of, flag_of, group_of, metavar_of, option, second_flag_of
+from gateway.runtime.settings.option import default_of, env_of, flag_of, metavar_of, second_flag_of
 
 
 @pytest.mark.parametrize(
@@ -55,10 +55,3 @@ def test_names() -> None:
     assert (flag_of("http_port"), env_of("http_port")) == ("--http-port", "SCENEGATE_HTTP_PORT")
     assert second_flag_of(Settings.model_fields["http_port"]) == "--port"
     assert second_flag_of(Settings.model_fields["grpc_port"]) is None
-
-
-def test_an_option_has_a_group_a_text_and_limits() -> None:
-    field = option("Group", 3, "Text.", flag="short", ge=1)
-    assert (field.default, group_of(field), second_flag_of(field), field.description) == (3, "Group", "short", "Text.")
-    assert field.metadata[0].ge == 1
-    assert second_flag_of(option("Group", 3, "Text.")) is None

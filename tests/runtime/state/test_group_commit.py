@@ -199,9 +199,9 @@ async def test_idle_edits_are_stored_after_a_delay(path: Path, monkeypatch: pyte
     monkeypatch.setattr(service, "IDLE_COMMIT_SECONDS", 0.0)
     kept = Kept(path)
     kept.state.start()
-    kept.put("quiet")
-    await until(lambda: kept.state.status()["commits"])
-    assert kept.sql("SELECT count(*) FROM tree_node") == 2
+    for count, name in enumerate(("quiet", "later"), 2):
+        kept.put(name)
+        await until(lambda count=count: kept.sql("SELECT count(*) FROM tree_node") == count)  # type: ignore[misc]
     await kept.state.close()
 
 

@@ -11,10 +11,9 @@ from gateway.runtime.state import part_codec as codec
 from gateway.runtime.state.part_codec import PartDecoder, PartEncoder
 from gateway.scene.tree.geometry import Part, PointCloud, Surface
 from gateway.scene.tree.transforms import IDENTITY
-from renderers.drawlist import Image, Material, Mesh, Texture
-from scenegate.messages.geometry import Box, Solid
+from renderers.drawlist import Material, Mesh
+from scenegate.messages.geometry import Box
 from tests.runtime.state import trees
-from tests.support.solids import TYPES, example
 
 
 def round_trip(parts: tuple[Part, ...]) -> tuple[Part, ...]:
@@ -29,24 +28,9 @@ def test_geometry_survives_the_round_trip(parts: tuple[Part, ...]) -> None:
     assert trees.described(round_trip(parts)) == trees.described(parts)
 
 
-def test_texture_names_survive_the_round_trip() -> None:
-    pixels = np.arange(4 * 7 * 5, dtype=np.uint8).reshape(7, 5, 4)
-    material = Material(base_color_texture=Texture(Image(b"key", lambda: pixels), name="wood \ud800"))
-    (part,) = round_trip((Part(Box((1.0, 2.0, 3.0)), material),))
-    texture = part.material.base_color_texture
-    assert texture.name == "wood \ud800"
-    np.testing.assert_array_equal(texture.image.decode(), pixels)
-
-
 def test_names_of_shapes_in_stored_files_do_not_change() -> None:
     stored = {"Box", "Sphere", "Ellipsoid", "Cylinder", "Capsule", "Triad", "Surface", "PointCloud", "Line", "Light"}
     assert stored | {"Part"} <= set(codec.CLASSES)
-
-
-@pytest.mark.parametrize("solid", [example(solid) for solid in TYPES], ids=lambda solid: solid.kind)
-def test_every_solid_type_survives_the_round_trip(solid: Solid) -> None:
-    (part,) = round_trip((Part(solid, Material()),))
-    assert part.shape == solid
 
 
 def test_shared_objects_are_shared_after_decoding() -> None:

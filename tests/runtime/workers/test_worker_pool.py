@@ -95,29 +95,19 @@ async def test_first_come_first_served_with_limited_threads() -> None:
     assert await workers.close()
 
 
-async def test_rejects_beyond_the_number_of_waiting_calls() -> None:
-    workers, gate = WorkerPool(1, max_waiting=2), Gate()
-    tasks = [asyncio.create_task(workers.run(gate)) for _ in range(3)]
+@pytest.mark.parametrize(("threads", "max_waiting"), [(1, 2), (2, 0)])
+async def test_rejects_beyond_the_number_of_waiting_calls(threads: int, max_waiting: int) -> None:
+    workers, gate = WorkerPool(threads, max_waiting=max_waiting), Gate()
+    tasks = [asyncio.create_task(workers.run(gate)) for _ in range(threads + max_waiting)]
     await started(gate)
-    await until(lambda: workers.stats.waiting == 2)
-    with pytest.raises(QueueFull, match="2 requests are waiting already, the limit is 2") as busy:
+    await until(lambda: workers.stats.waiting == max_waiting)
+    with pytest.raises(QueueFull, match=f"the limit is {max_waiting}") as busy:
         await workers.run(gate)
     assert busy.value.retry_after >= 1
     assert workers.stats.rejected == 1
     gate.open.set()
     await asyncio.gather(*tasks)
     await workers.run(gate)
-    assert await workers.close()
-
-
-async def test_idle_threads_work_without_a_queue() -> None:
-    workers, gate = WorkerPool(2, max_waiting=0), Gate()
-    tasks = [asyncio.create_task(workers.run(gate)) for _ in range(2)]
-    await started(gate)
-    with pytest.raises(QueueFull):
-        await workers.run(gate)
-    gate.open.set()
-    await asyncio.gather(*tasks)
     assert await workers.close()
 
 
@@ -297,26 +287,19 @@ async def test_close_stops_running_calls_at_its_limit() -> None:
 
 async def test_slow_calls_are_counted() -> None:
     workers, gate = WorkerPool(2, seconds=0.02), Gate()  # which does not look at its flag
-    calls = [asyncio.create_task(workers.run(gate, 1))]
+    patient = WorkerPool(1)  # without a deadline, no call is slow
+    calls = [asyncio.create_task(workers.run(gate, 1)), asyncio.create_task(patient.run(gate))]
     await until(lambda: workers.stats.slow == 1)
     assert not workers.busy
     calls.append(asyncio.create_task(workers.run(gate, 2)))
     await until(lambda: workers.busy)
+    assert (patient.stats.slow, patient.busy) == (0, False)
     gate.open.set()
-    assert await asyncio.gather(*calls) == [1, 2]
+    assert await asyncio.gather(*calls) == [1, None, 2]
     assert workers.stats.slow == 0
     assert not workers.busy
     assert await workers.close()
-
-
-async def test_no_call_is_slow_without_a_deadline() -> None:
-    workers, gate = WorkerPool(1), Gate()
-    call = asyncio.create_task(workers.run(gate))
-    await started(gate)
-    assert (workers.stats.slow, workers.busy) == (0, False)
-    gate.open.set()
-    await call
-    assert await workers.close()
+    assert await patient.close()
 
 
 async def test_finished_calls_are_released() -> None:
@@ -365,26 +348,27 @@ def test_arguments_are_validated() -> None:
     assert WorkerPool().threads >= 1
 
 
+def own_niceness() -> int:
+    return os.getpriority(os.PRIO_PROCESS, threading.get_native_id())
+
+
 @pytest.mark.skipif(sys.platform != "linux", reason="only Linux gives every thread a priority")
 async def test_niceness_of_workers_and_frame_threads() -> None:
-    def niceness(_: int = 0) -> int:
-        return os.getpriority(os.PRIO_PROCESS, threading.get_native_id())
-
     def draw() -> set[int]:
         crew, seen, meeting = FrameThreads(2), set[int](), threading.Barrier(2)
 
         def work(_: int) -> None:
-            seen.add(niceness())
+            seen.add(own_niceness())
             meeting.wait(SECONDS)
 
         crew.run(2, work)
         crew.close()
         return seen
 
-    own = niceness()
+    own = own_niceness()
     workers = WorkerPool(1, niceness=3)
     assert await workers.run(draw) == {min(19, own + 3)}
-    assert niceness() == own
+    assert own_niceness() == own
     assert await workers.close()
 
 
@@ -407,10 +391,6 @@ async def test_what_a_failed_call_used_is_freed_while_its_error_is_kept() -> Non
     assert used[0]() is None
     assert kept.value.__traceback__ is not None
     await pool.close()
-
-
-def own_niceness() -> int:
-    return os.getpriority(os.PRIO_PROCESS, threading.get_native_id())
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="only Linux gives every thread a priority")
