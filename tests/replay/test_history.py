@@ -13,10 +13,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from gateway.replay.history import MAX_PINNED, TreeHistory
-from gateway.replay.packed_changes import PathIds, pack, unpack
 from gateway.scene.tree.geometry import Part, PointCloud
 from gateway.scene.tree.live import LiveTree, Snapshot
-from gateway.scene.tree.nodes import Node, Path, TreeEdit, changes
+from gateway.scene.tree.nodes import Node, Path, changes
 from gateway.scene.tree.timeline import TimeError, state_at
 from renderers.drawlist import Material
 from tests.scene.tree.test_merge import Command, execute
@@ -245,18 +244,6 @@ def test_a_thread_records_until_close() -> None:
     with tree.edit() as edit:
         edit.delete(("a",))
     assert history.nbytes == recorded
-
-
-def test_unpacked_poses_are_exact() -> None:
-    edit = TreeEdit(Node())
-    pose = (0.1, 1e9, -1 / 3, 0.7, 1e-12, 0.0, 2.0)
-    edit.set_pose(("a",), (0, 0, 0, 1, 0, 0, 0))
-    old = edit.commit()
-    later = TreeEdit(old)
-    later.set_pose(("a",), pose)
-    ids = PathIds()
-    change = pack(old, later.commit(), ids)
-    assert unpack(old, [change], ids).children["a"].pose == pose
 
 
 def test_a_pinned_state_is_found_until_nobody_uses_it() -> None:

@@ -1,7 +1,6 @@
 """Configurations that the interfaces get from the settings, and what the browser view shows of them."""
 
 import asyncio
-import json
 from collections.abc import AsyncIterator
 from dataclasses import replace
 from pathlib import Path
@@ -40,6 +39,7 @@ from renderers.stereo.light.levels import LightLevels
 from renderers.stereo.model import StereoModel
 from renderers.stereo.realism import REALISM_PARTS
 from scenegate.messages.geometry import Box
+from tests.files.gltf.builder import Builder
 from tests.support.waiting import until
 
 MIB = 1 << 20
@@ -222,27 +222,37 @@ def test_configuration_of_the_stereo_camera(tmp_path: Path) -> None:
     assert stereo.config_of(Settings()).tls is None
 
 
-@pytest.mark.parametrize(("grpc_port", "ports"), [(5000, [5000, 5001, 5002]), (0, [0, 0, 0])])
-async def test_further_cameras_have_ports_seeds_and_mounts_of_their_own(
-    contexts: Any, grpc_port: int, ports: list[int], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    cameras = ("1,2,3,1,0,0,0", '["robot", "head"]')
-    context = contexts(grpc_port=grpc_port, stereo_seed=7, stereo_cameras=cameras, stereo_pose="4,5,6,1,0,0,0")
-    with context.tree.edit() as edit:
-        edit.set_pose(("robot", "head"), (7, 8, 9, 1, 0, 0, 0))
-    services: dict[str, StereoService] = {}
-    monkeypatch.setattr(Context, "run_service", lambda self, name, service, **_: services.__setitem__(name, service))
-    poses: list[Any] = []
+@pytest.fixture
+def cameras(monkeypatch: pytest.MonkeyPatch) -> dict[str, tuple[StereoService, Any]]:
+    """Services of the stereo cameras that are set up, and the sources of their scenes, by name; none runs."""
+    made: dict[str, tuple[StereoService, Any]] = {}
+    sources: list[Any] = []
 
     def recorded(config: Any, scene: Any, *rest: Any) -> StereoService:
-        poses.append(scene(None).X_world_left[:3, 3].tolist())
+        sources.append(scene)
         return StereoService(config, scene, *rest)
 
+    def run_service(context: Context, name: str, service: StereoService, **_: Any) -> None:
+        made[name] = service, sources[-1]
+
     monkeypatch.setattr(stereo, "StereoService", recorded)
+    monkeypatch.setattr(Context, "run_service", run_service)
+    return made
+
+
+@pytest.mark.parametrize(("grpc_port", "ports"), [(5000, [5000, 5001, 5002]), (0, [0, 0, 0])])
+async def test_further_cameras_have_ports_seeds_and_mounts_of_their_own(
+    contexts: Any, grpc_port: int, ports: list[int], cameras: dict[str, tuple[StereoService, Any]]
+) -> None:
+    mounts = ("1,2,3,1,0,0,0", '["robot", "head"]')
+    context = contexts(grpc_port=grpc_port, stereo_seed=7, stereo_cameras=mounts, stereo_pose="4,5,6,1,0,0,0")
+    with context.tree.edit() as edit:
+        edit.set_pose(("robot", "head"), (7, 8, 9, 1, 0, 0, 0))
     provided = await stereo.setup(context, Provided())
-    assert list(services) == ["stereo", "stereo 1", "stereo 2"]
-    assert [service.config.port for service in services.values()] == ports
-    assert [service.config.seed for service in services.values()] == [7, 8, 9]
+    assert list(cameras) == ["stereo", "stereo 1", "stereo 2"]
+    assert [service.config.port for service, _ in cameras.values()] == ports
+    assert [service.config.seed for service, _ in cameras.values()] == [7, 8, 9]
+    poses = [source(None).X_world_left[:3, 3].tolist() for _, source in cameras.values()]
     assert poses == [[4, 5, 6], [1, 2, 3], [7, 8, 9]]
     camera = provided.stereo.camera(context.tree.snapshot)
     assert camera.X_world_camera[:3, 3].tolist() == [4, 5, 6]
@@ -250,46 +260,29 @@ async def test_further_cameras_have_ports_seeds_and_mounts_of_their_own(
 
 @pytest.mark.parametrize(("projectors", "seen"), [("own", []), ("shared", [[1, 2, 3]])])
 async def test_cameras_see_the_projectors_of_others_on_request(
-    contexts: Any, projectors: str, seen: list[list[int]], monkeypatch: pytest.MonkeyPatch
+    contexts: Any, projectors: str, seen: list[list[int]], cameras: dict[str, tuple[StereoService, Any]]
 ) -> None:
-    cameras = ("name=lit;1,2,3,1,0,0,0",)
-    context = contexts(grpc_port=0, stereo_cameras=cameras, stereo_projectors=projectors)
-    monkeypatch.setattr(Context, "run_service", lambda *_, **__: None)
-    sources: list[Any] = []
-
-    def recorded(config: Any, scene: Any, *rest: Any) -> StereoService:
-        sources.append(scene)
-        return StereoService(config, scene, *rest)
-
-    monkeypatch.setattr(stereo, "StereoService", recorded)
+    mounts = ("name=lit;1,2,3,1,0,0,0",)
+    context = contexts(grpc_port=0, stereo_cameras=mounts, stereo_projectors=projectors)
     await stereo.setup(context, Provided())
-    others = sources[0](None).projectors
+    others = cameras["stereo"][1](None).projectors
     assert [other.X_world_left[:3, 3].tolist() for other in others] == seen
     assert all(other.dot_light == 2.0 for other in others)
 
 
 @pytest.mark.parametrize(("scene_lights", "x"), [("true", 2.0), ("false", 5.0)])
 async def test_cameras_see_the_lights_of_their_scene_or_of_the_rig(
-    contexts: Any, tmp_path: Path, scene_lights: str, x: float, monkeypatch: pytest.MonkeyPatch
+    contexts: Any, tmp_path: Path, scene_lights: str, x: float, cameras: dict[str, tuple[StereoService, Any]]
 ) -> None:
-    scene, rig = tmp_path / "scene.gltf", tmp_path / "rig.toml"
-    lights = {"lights": [{"type": "point"}]}
-    node = {"translation": [2, 0, 0], "extensions": {"KHR_lights_punctual": {"light": 0}}}
-    document = {"asset": {"version": "2.0"}, "scene": 0, "scenes": [{"nodes": [0]}], "nodes": [node]}
-    used = {"extensionsUsed": ["KHR_lights_punctual"], "extensions": {"KHR_lights_punctual": lights}}
-    scene.write_text(json.dumps({**document, **used}))
+    scene, rig, b = tmp_path / "scene.gltf", tmp_path / "rig.toml", Builder()
+    b.json["extensionsUsed"] = ["KHR_lights_punctual"]
+    b.json["extensions"] = {"KHR_lights_punctual": {"lights": [{"type": "point"}]}}
+    b.node(translation=[2, 0, 0], extensions={"KHR_lights_punctual": {"light": 0}})
+    scene.write_bytes(b.text())
     rig.write_text(f'scene_lights = {scene_lights}\n[[lights]]\nkind = "point"\nposition = [5, 0, 0]\n')
-    context = contexts(grpc_port=0, stereo_scene=str(scene), rig=rig, up="z")
-    monkeypatch.setattr(Context, "run_service", lambda *_, **__: None)
-    scenes: list[Any] = []
-
-    def recorded(config: Any, scene: Any, *rest: Any) -> StereoService:
-        scenes.append(scene(None).scene)
-        return StereoService(config, scene, *rest)
-
-    monkeypatch.setattr(stereo, "StereoService", recorded)
-    provided = await stereo.setup(context, Provided())
-    seen = provided.stereo.service.config.rig.lights_of(scenes[0])
+    await stereo.setup(contexts(grpc_port=0, stereo_scene=str(scene), rig=rig, up="z"), Provided())
+    service, source = cameras["stereo"]
+    seen = service.config.rig.lights_of(source(None).scene)
     assert [light.position for light in seen] == [(x, 0.0, 0.0)]
 
 

@@ -9,7 +9,7 @@ import pytest
 from tests.conftest import DemoGateway
 from tests.support import clients
 from tools.docs_pages import commands_page, grpc_page, http_page, lcm_page, limits_page, settings_page
-from tools.docs_pages.openapi_text import curl, field_rows, json_text, type_text, wrapped
+from tools.docs_pages.openapi_text import curl, field_rows, type_text
 
 DOCS = Path(__file__).parents[3] / "docs"
 
@@ -33,7 +33,13 @@ def test_pages_of_the_site_can_be_made(demo_gateway: DemoGateway) -> None:
     schema = clients.get(f"{demo_gateway.url}/openapi.json").json()
     http = http_page.page(schema)
     assert {"### `POST /render`", "### `GET /scene`"} <= {*http.splitlines()}
-    assert "| `max_body_bytes` | 256 Mi |" in limits_page.page()
+    limits = limits_page.page()
+    for name, value, text in (
+        ("max_body_bytes", "256 Mi", "Size of one request's body. "),
+        ("max_json_values", "2,000,000", "Commas, "),
+        ("arrival_seconds", "5", "Seconds for which "),
+    ):
+        assert f"| `{name}` | {value} | {text}" in limits
 
 
 @pytest.mark.parametrize(
@@ -77,13 +83,3 @@ def test_request_has_the_examples_that_are_not_defaults() -> None:
     operation = {"requestBody": body, "responses": {"200": {}}}
     assert "-X PUT -H 'Content-Type: application/json'" in curl("PUT", "/x", operation)
     assert """-d '{"value": true}'""" in curl("PUT", "/x", operation)
-
-
-def test_long_commands_are_continued() -> None:
-    assert wrapped(["curl", "a" * 50, "b" * 50]) == f"curl {'a' * 50} \\\n  {'b' * 50}"
-
-
-def test_json_has_short_values_on_one_line() -> None:
-    text = json_text({"path": ["robot", "head"], "points": [[0.5, 0.25, 1.0]] * 5, "none": {}})
-    rows = ",\n".join(["    [0.5, 0.25, 1.0]"] * 5)
-    assert text == f'{{\n  "path": ["robot", "head"],\n  "points": [\n{rows}\n  ],\n  "none": {{}}\n}}'

@@ -33,11 +33,6 @@ def transformed(mesh: Mesh, X: np.ndarray) -> np.ndarray:
 affine = hnp.arrays(np.float64, (3, 4), elements=st.floats(-5, 5)).map(lambda a: np.vstack((a, (0, 0, 0, 1))))
 
 
-@given(affine, st.sampled_from([primitives.box(), primitives.sphere(), primitives.cone()]))
-def test_bounds_are_those_of_the_transformed_vertices(X: Any, mesh: Any) -> None:
-    np.testing.assert_allclose(transformed(mesh, X), brute(mesh, X), atol=1e-9)
-
-
 @pytest.mark.parametrize("swap", [np.eye(3), np.roll(np.eye(3), 1, axis=0), np.diag((1, -2, 3))])
 def test_axis_aligned_maps_are_exact(swap: Any) -> None:
     X = np.eye(4)
@@ -62,18 +57,6 @@ def test_vertices_that_are_not_finite_do_not_count(count: int) -> None:
     assert np.isfinite(transformed(mesh, tf.from_pose((5, 0, 0), (0.9, 0.3, 0.1, 0.2)))).all()
     mesh.positions[:] = np.nan
     assert bd.mesh_bounds(Mesh(mesh.positions, mesh.elements)) is None
-
-
-def test_large_meshes_are_bounded_from_outside_and_closely() -> None:
-    random = np.random.default_rng(7)
-    directions = random.normal(size=(bd.EXACT_VERTICES * 2, 3))
-    positions = (directions / np.linalg.norm(directions, axis=1, keepdims=True)).astype(np.float32)
-    mesh = Mesh(positions, np.arange(len(positions), dtype=np.uint32)[:, None])
-    X = tf.from_pose((5, 0, 0), (0.9, 0.3, 0.1, 0.2))
-    found, true = transformed(mesh, X), brute(mesh, X)
-    assert (found[0] <= true[0] + 1e-9).all()
-    assert (found[1] >= true[1] - 1e-9).all()
-    assert np.abs(found - true).max() < 2.0 / 12 * 1.8
 
 
 @pytest.mark.parametrize("corner", [(9, 9, 9), (-9, -9, -9), (9, -9, 9), (-9, 9, -9)])

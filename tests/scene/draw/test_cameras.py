@@ -27,7 +27,7 @@ from renderers.drawlist import DrawList, Instance, Material, Mesh
 from renderers.interface import Output
 from renderers.primitives import box
 from renderers.raster import CpuRenderer
-from scenegate.messages.geometry import Box, Sphere
+from scenegate.messages.geometry import Box
 from tests.support.bounds import scene_bounds
 
 
@@ -80,18 +80,14 @@ def test_the_grammar(text: Any, spec: Any) -> None:
         ("target=1,2,3", "has no eye=x,y,z"),
         ("eye=1,2;target=0,0,0", "'eye=1,2' needs three numbers"),
         ("eye=1,2,x;target=0,0,0", "eye: 'x' is not a number"),
-        ("eye=1,2,nan;target=0,0,0", "eye: 'nan' is not a number"),
-        ("eye=1,2,1e13;target=0,0,0", "eye: '1e13' is not a number"),
         ("eye=1,2,3;target=1,2,3", "'target=1,2,3' is the same point as eye"),
         ("eye=1,2,3;target=0,0,0;up=0,0,0", "'up=0,0,0' has no direction"),
         ("eye=1,2,3;target=0,0,0;fovy=180", "'fovy=180' must be at least 0.001 and less than 180"),
         ("eye=1,2,3;target=0,0,0;xmag=0", "'xmag=0' must be at least 1e-09 metres, without fovy="),
         ("eye=1,2,3;target=0,0,0;xmag=1;fovy=30", "'xmag=1' must be at least 1e-09 metres, without fovy="),
-        ("eye=1,2,3;target=0,0,0;fovy=-5", "must be at least 0.001 and less than 180"),
         ("eye=1,2,3;eye=0,0,0;target=0,0,0", "'eye=0,0,0' repeats eye="),
         ("eye=1,2,3;target=0,0,0;roll=3", "'roll=3' is not one of eye="),
         ("eye=1,2,3;target=0,0,0;up", "'up' is not one of eye="),
-        ("x" * 5000, "camera text has 5000 characters, at most 4096"),
     ],
 )
 def test_errors_name_the_part_of_the_text(text: Any, message: Any) -> None:
@@ -220,14 +216,6 @@ def test_planes_of_the_caller_are_kept_and_checked() -> None:
     assert (camera.near, camera.far) == (0.5, 7.0)
     with pytest.raises(CameraError, match="near=9"):
         resolve_camera(spec, Node(), 64, 48, near=9.0, far=7.0)
-
-
-def test_a_sphere_alone_is_framed() -> None:
-    edit = TreeEdit(Node())
-    edit.set_parts((), (Part(Sphere(2.0), Material()),))
-    camera = resolve_camera(parse_camera("fit"), edit.commit(), 100, 100)
-    pixels, _ = project(camera, np.zeros((1, 3)))
-    np.testing.assert_allclose(pixels, [(50, 50)], atol=1e-6)
 
 
 @pytest.mark.parametrize("axis", range(3))

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from gateway.scene.draw.flatten import Flattener, flatten
+from gateway.scene.draw.meshing import meshes_of
 from gateway.scene.tree import transforms as tf
 from gateway.scene.tree.geometry import Line, Part, Surface
 from gateway.scene.tree.labels import MAX_LABELS, LabelTable
@@ -32,11 +33,9 @@ SHAPES = [
 WILD = Part(Box((1, 1, 1)), RED, np.full((4, 4), math.nan))
 
 
-def naive(root: Node, labels: LabelTable) -> list[tuple[Any, ...]]:
-    """Return the expected draw list by the definition: the product of all transforms from the root, node by node."""
-    from gateway.scene.draw.meshing import meshes_of
-
-    out = []
+def naive(root: Node, labels: LabelTable) -> tuple[list[tuple[Any, ...]], list[tuple[float, ...]]]:
+    """Return the expected draw list and the positions and directions of lights by the definition: node by node."""
+    drawn, lights = [], []
     stack: list[tuple[Path, Node, np.ndarray, float]] = [((), root, np.eye(4), 1.0)]
     while stack:
         path, node, world, opacity = stack.pop()
@@ -46,31 +45,15 @@ def naive(root: Node, labels: LabelTable) -> list[tuple[Any, ...]]:
         with np.errstate(all="ignore"):
             world = world @ node.matrix
             for part in node.parts or ():
-                for mesh, material, matrix in meshes_of(part.shape, part.material):
-                    X = world @ part.X_node_part @ matrix
-                    material = material if opacity == 1.0 else faded(material, opacity)
-                    if (np.abs(X) < 1e15).all():
-                        out.append((mesh, material, X, labels.label_of(path)))
-        stack.extend(((*path, name), child, world, opacity) for name, child in reversed(node.children.items()))
-    return out
-
-
-def naive_lights(root: Node) -> list[tuple[Any, ...]]:
-    """Return the positions and directions of the lights by the definition, in the order of the tree."""
-    out = []
-    stack: list[tuple[Node, np.ndarray]] = [(root, np.eye(4))]
-    while stack:
-        node, world = stack.pop()
-        if not node.visible:
-            continue
-        with np.errstate(all="ignore"):
-            world = world @ node.matrix
-            for part in node.parts or ():
                 X = world @ part.X_node_part
                 if isinstance(part.shape, Light) and (np.abs(X) < 1e15).all() and X[:3, 2].any():
-                    out.append((*X[:3, 3], *(-X[:3, 2] / np.linalg.norm(X[:3, 2]))))
-        stack.extend((child, world) for child in reversed(node.children.values()))
-    return out
+                    lights.append((*X[:3, 3], *(-X[:3, 2] / np.linalg.norm(X[:3, 2]))))
+                for mesh, material, matrix in meshes_of(part.shape, part.material):
+                    material = material if opacity == 1.0 else faded(material, opacity)
+                    if (np.abs(X @ matrix) < 1e15).all():
+                        drawn.append((mesh, material, X @ matrix, labels.label_of(path)))
+        stack.extend(((*path, name), child, world, opacity) for name, child in reversed(node.children.items()))
+    return drawn, lights
 
 
 def assert_draws(drawn: DrawList, expected: list[tuple[Any, ...]]) -> None:
@@ -157,13 +140,12 @@ def test_incremental_flattening_equals_the_definition(seed: int) -> None:
     for _ in range(40):
         log.append(edits.step())
         root = edits.live.snapshot.root
-        expected = naive(root, labels)
+        expected, expected_lights = naive(root, labels)
         try:
             assert_draws(flattener.flatten(edits.live.snapshot), expected)
             assert_draws(flatten(root, label_of=lambda path, _: labels.label_of(path)), expected)
             lights = flattener.flatten(edits.live.snapshot).lights
-            assert len(lights) == len(naive_lights(root))
-            for light, values in zip(lights, naive_lights(root), strict=True):
+            for light, values in zip(lights, expected_lights, strict=True):
                 np.testing.assert_allclose((*light.position, *light.direction), values, rtol=1e-9, atol=1e-9)
         except AssertionError as error:
             error.add_note("after\n" + "\n".join(log[-8:]))
@@ -231,7 +213,7 @@ def test_an_error_does_not_leave_half_a_scene(monkeypatch: pytest.MonkeyPatch) -
 def _again(live: LiveTree) -> list[tuple[Any, ...]]:
     labels = LabelTable()
     Flattener(labels).flatten(live.snapshot)
-    return naive(live.snapshot.root, labels)
+    return naive(live.snapshot.root, labels)[0]
 
 
 def test_a_chain_of_thousands_of_nodes() -> None:

@@ -183,12 +183,6 @@ def test_channels_of_the_wrong_length_leave_the_flat_colour(channels: Any) -> No
     assert material.base_color == MATERIAL.base_color
 
 
-@pytest.mark.parametrize("size", [1.0, 5.0])
-def test_the_material_says_how_large_points_are(size: float) -> None:
-    ((_, material, _),) = meshes_of(cloud(), Material(point_size=size))
-    assert material.point_size == size
-
-
 def test_the_triad_points_along_the_axes_in_red_green_blue() -> None:
     ((mesh, material, matrix),) = meshes_of(Triad(0.5), MATERIAL)
     assert mesh.topology is Topology.LINES

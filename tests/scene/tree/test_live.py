@@ -4,7 +4,6 @@ from concurrent.futures import ThreadPoolExecutor
 import pytest
 
 from gateway.scene.tree.live import LiveTree, Snapshot
-from gateway.scene.tree.nodes import changes
 
 
 def test_an_edit_is_one_revision_and_old_snapshots_stay() -> None:
@@ -98,17 +97,6 @@ def test_writers_in_threads_lose_nothing_and_readers_see_whole_batches() -> None
     assert [snapshot.revision for snapshot in heard] == list(range(1, writers * batches + 1))
     last = [child.pose for node in live.snapshot.root.children.values() for child in node.children.values()]
     assert last == [(float(batches - 1), 0, 0, 1, 0, 0, 0)] * (3 * writers)
-
-
-def test_a_slow_listener_catches_up_by_comparing_snapshots() -> None:
-    live = LiveTree()
-    before = live.snapshot.root
-    for index in range(5):
-        with live.edit() as edit:
-            edit.set_pose(("moving",), (float(index), 0, 0, 1, 0, 0, 0))
-    found = list(changes(before, live.snapshot.root))
-    assert [(change.kind, change.path) for change in found] == [("added", ("moving",))]
-    assert found[0].node.pose == (4.0, 0, 0, 1, 0, 0, 0)
 
 
 def test_a_state_of_another_tree() -> None:

@@ -184,33 +184,12 @@ def test_untouched_siblings_are_shared_between_revisions() -> None:
     assert [(c.kind, c.path) for c in changes(old, new)] == [("transform", ("a", "x"))]
 
 
-def test_integers_and_strings_are_different_elements_and_slashes_are_ordinary() -> None:
-    edit = TreeEdit(Node())
-    edit.set_parts((1,), (BOX,))
-    edit.set_parts(("1",), ())
-    edit.set_parts(("a/b",), ())
-    root = edit.commit()
-    assert list(root.children) == [1, "1", "a/b"]
-    assert root.find(("a", "b")) is None
-
-
 def test_changes_come_parents_first_and_in_order_of_creation() -> None:
     edit = TreeEdit(Node())
     for path in (("b", "x"), ("a", "y"), ("b", "z")):
         edit.set_parts(path, ())
     found = [change.path for change in changes(Node(), edit.commit()) if change.kind == "added"]
     assert found == [("b",), ("b", "x"), ("b", "z"), ("a",), ("a", "y")]
-
-
-def test_a_replaced_node_of_the_same_name_is_reported_in_full() -> None:
-    first = TreeEdit(Node())
-    first.set_parts(("a", "child"), (BOX,))
-    old = first.commit()
-    second = TreeEdit(old)
-    second.delete(("a",))
-    second.set_parts(("a",), (BOX,))
-    new = second.commit()
-    assert replay(old, new) == as_model(new)
 
 
 def test_deep_paths_do_not_recurse() -> None:
@@ -243,29 +222,6 @@ def test_a_pose_becomes_a_matrix_on_first_use_and_keeps_it() -> None:
     node = edit.commit().find(("a",))
     np.testing.assert_array_equal(node.matrix, tf.translation(1, 2, 3))
     assert node.matrix is node.matrix
-
-
-def test_deleting_the_root_removes_its_own_parts() -> None:
-    edit = TreeEdit(Node())
-    edit.set_parts((), (BOX,))
-    root = edit.commit()
-    edit = TreeEdit(root)
-    assert edit.delete(())
-    assert edit.root.parts is None
-    assert edit.root.nodes_with_parts == 0
-    assert not edit.delete(())
-    assert root.parts == (BOX,)
-
-
-def test_deleting_the_root_removes_its_children_and_transform() -> None:
-    edit = TreeEdit(Node())
-    edit.set_pose((), (1, 2, 3, 1, 0, 0, 0))
-    edit.set_parts(("a", "b"), (BOX,))
-    edit = TreeEdit(edit.commit())
-    assert edit.delete(())
-    root = edit.commit()
-    assert (root.children, root.node_count, root.nodes_with_parts, root.pose) == ({}, 1, 0, None)
-    np.testing.assert_array_equal(root.matrix, np.eye(4))
 
 
 def test_many_poses_are_set_as_one_after_the_other() -> None:
