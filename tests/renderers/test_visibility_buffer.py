@@ -158,52 +158,6 @@ def test_any_number_of_threads_gives_the_same_bytes(
     several.close()
 
 
-def test_equal_depth_shows_the_higher_primitive_id(renderer: CpuRenderer) -> None:
-    plate = mesh(((-9, -9, 3), (9, -9, 3), (9, 9, 3), (-9, 9, 3)), ((0, 1, 2), (0, 2, 3), (0, 1, 2), (0, 2, 3)))
-    for copies in (1, 3):
-        seen = renderer.visibility(draw_list(*[plate] * copies), camera(200, 150))
-        assert set(np.unique(seen.ids)) == {4 * copies - 2, 4 * copies - 1}
-
-
-def test_outputs_belong_to_the_visible_instance(renderer: CpuRenderer) -> None:
-    near = mesh(((-1, -1, 2), (0, -1, 2), (0, 1, 2), (-1, 1, 2)), ((0, 1, 2), (0, 2, 3)))
-    far = mesh(((-2, -2, 5), (2, -2, 5), (2, 2, 5), (-2, 2, 5)), ((0, 1, 2), (0, 2, 3)))
-    frame = renderer.render(draw_list(near, far), camera(), GEOMETRY)
-    assert frame.color is None
-    assert frame.depth is not None
-    front = frame.depth == 2.0
-    assert front.any()
-    assert (frame.label[front] == 1).all()
-    assert (frame.instance[front] == 100).all()
-    back = frame.depth == 5.0
-    assert (frame.label[back] == 2).all()
-    assert (frame.instance[back] == 101).all()
-    empty = ~(front | back)
-    assert empty.any()
-    assert (frame.label[empty] == LABEL_NONE).all()
-    assert (frame.instance[empty] == -1).all()
-
-
-def test_back_face_culling_is_optional_and_respects_mirrored_instances(renderer: CpuRenderer) -> None:
-    ball = sphere(24, 12)
-    X = np.eye(4)
-    X[2, 3] = 3.0
-    mirrored = X @ np.diag((-1.0, 1.0, 1.0, 1.0))
-    for pose_of in (X, mirrored):
-        scene = DrawList((Instance(ball, Material(), pose_of, 1, 1),))
-        both = renderer.visibility(scene, camera())
-        fronts = renderer.visibility(scene, camera(), cull_back=np.array((True,)))
-        kept = renderer.visibility(scene, camera(), cull_back=np.array((False,)))
-        assert np.array_equal(both.ids, fronts.ids)
-        assert np.array_equal(both.ids, kept.ids)
-        assert (both.ids >= 0).any()
-        inside = camera(X_world_camera=X, near=0.01)
-        both = renderer.visibility(scene, inside)
-        fronts = renderer.visibility(scene, inside, cull_back=np.array((True,)))
-        assert (both.ids >= 0).all()
-        assert (fronts.ids < 0).all()
-
-
 def test_culling_agrees_on_the_clipped_path(renderer: CpuRenderer) -> None:
     """A floor seen from above is a front, seen from below a back, also where the near plane cuts it."""
     up = mesh(((-50, 1, -50), (-50, 1, 50), (50, 1, 50), (50, 1, -50)), ((0, 1, 2), (0, 2, 3)))

@@ -50,19 +50,6 @@ def test_a_thin_line_has_one_pixel_per_step_and_joins_its_neighbour(renderer: Cp
     assert np.array_equal(covered.sum(axis=0), ((columns >= first) & (columns < last)).astype(int))
 
 
-def test_depth_along_a_line_is_perspective_correct(renderer: CpuRenderer) -> None:
-    scene = draw_list(mesh(((-1, 0, 1.5), (3, 0, 6)), ((0, 1),)))
-    depth = depth_of(renderer, scene, far=100.0)
-    view = camera()
-    row = int(view.cy)
-    columns = np.flatnonzero(np.isfinite(depth[row]))
-    assert columns.size > 50
-    ray = (columns + 0.5 - view.cx) / view.fx
-    # (x, z) = (-1, 1.5) + t (4, 4.5), x = ray z.
-    t = (1 + 1.5 * ray) / (4 - 4.5 * ray)
-    np.testing.assert_allclose(depth[row, columns], 1.5 + 4.5 * t, rtol=1e-6)
-
-
 @pytest.mark.parametrize("size", [1.0, 2.0, 3.0, 7.0])
 def test_points_agree_with_the_oracle(renderer: CpuRenderer, size: float) -> None:
     rng = np.random.default_rng(3)
@@ -72,17 +59,6 @@ def test_points_agree_with_the_oracle(renderer: CpuRenderer, size: float) -> Non
     seen = renderer.visibility(scene, camera())
     assert np.array_equal(seen.ids, expected.ids)
     np.testing.assert_allclose(depth_of(renderer, scene), expected.depth, rtol=2e-7)
-
-
-@pytest.mark.parametrize("size", [1, 2, 3, 8])
-def test_a_point_covers_its_square(renderer: CpuRenderer, size: int) -> None:
-    view = camera()
-    centre = ((30.3 - view.cx) / view.fx * 2, (20.6 - view.cy) / view.fy * 2, 2)
-    rows, columns = np.nonzero(np.isfinite(depth_of(renderer, draw_list(mesh([centre], [[0]]), point_size=size))))
-    assert rows.size == columns.size == size * size
-    assert np.ptp(rows) == np.ptp(columns) == size - 1
-    assert abs(columns.mean() + 0.5 - 30.3) <= 0.5
-    assert abs(rows.mean() + 0.5 - 20.6) <= 0.5
 
 
 def test_near_and_far_remove_points_and_parts_of_lines(renderer: CpuRenderer) -> None:

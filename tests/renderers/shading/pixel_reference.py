@@ -237,19 +237,24 @@ def reflected(n: Array, v: Array, base: Array, metallic: Array, roughness: Array
 
 def sample(texture: Texture, uv: Array, srgb: bool) -> Array:
     """Return RGBA of the largest mip level at (n, 2) coordinates, (n, 4); colours are decoded before they are mixed."""
-    texels = texels_of(texture.image, srgb)
-    height, width = texels.shape[:2]
     if texture.uv_transform is not None:
         matrix = np.array(texture.uv_transform, np.float64).reshape(2, 3)
         uv = uv @ matrix[:, :2].T + matrix[:, 2]
-    wraps = texture.sampler.wrap_s, texture.sampler.wrap_t
-    x, y = near_origin(uv[:, 0], wraps[0]) * width, near_origin(uv[:, 1], wraps[1]) * height
+    s = texture.sampler
+    uv = np.stack((near_origin(uv[:, 0], s.wrap_s), near_origin(uv[:, 1], s.wrap_t)), axis=-1)
+    return bilinear(texels_of(texture.image, srgb), s, uv, s.mag_linear)
+
+
+def bilinear(texels: Array, sampler: Sampler, uv: Array, smooth: bool) -> Array:
+    """Return the texels of one mip level at (n, 2) coordinates, mixed or the nearest, (n, 4)."""
+    height, width = texels.shape[:2]
+    x, y = uv[:, 0] * width, uv[:, 1] * height
 
     def texel(column: Array, row: Array) -> Array:
-        found: Array = texels[wrapped(row, height, wraps[1]), wrapped(column, width, wraps[0])]
+        found: Array = texels[wrapped(row, height, sampler.wrap_t), wrapped(column, width, sampler.wrap_s)]
         return found
 
-    if not texture.sampler.mag_linear:
+    if not smooth:
         return texel(np.floor(x), np.floor(y))
     left, upper = np.floor(x - 0.5), np.floor(y - 0.5)
     s, t = (x - 0.5 - left)[:, None], (y - 0.5 - upper)[:, None]

@@ -14,7 +14,6 @@ from renderers.camera import Camera
 from renderers.drawlist import AlphaMode, DrawList, Instance, Material, Mesh, Sampler, Texture, Wrap
 from renderers.interface import Look, Output
 from renderers.raster import CpuRenderer
-from renderers.shading.mikktspace import with_tangents
 from tests.renderers.golden_images import GOLDEN_FOLDER, regenerates_golden_images
 from tests.renderers.shading.reference import Array, BruteForce, ball, camera, image_of, painted, placed, quad
 
@@ -170,23 +169,3 @@ def test_small_triangles_do_not_extrapolate(renderer: CpuRenderer) -> None:
     assert visible[:, 0].min() >= 51
     assert visible[:, 0].max() <= 153
     assert (visible[:, 1:] == 128).all()
-
-
-@pytest.mark.parametrize("mirror", [False, True])
-def test_tangents_point_along_u_and_the_bitangent_up(mirror: bool) -> None:
-    mesh = quad()
-    uv = mesh.uv0 * (-1, 1) if mirror else mesh.uv0
-    made = with_tangents(replace(mesh, uv0=uv.astype(np.float32), tangents=None), 0)
-    tangents = made.tangents
-    assert made.normals is not None
-    # In ``quad`` u grows along +X and v along +Y of the optical frame, so that up in the image is -Y.
-    np.testing.assert_allclose(tangents[:, :3], np.tile((-1.0 if mirror else 1.0, 0, 0), (4, 1)), atol=1e-6)
-    bitangents = np.cross(made.normals, tangents[:, :3]) * tangents[:, 3:]
-    np.testing.assert_allclose(bitangents, np.tile((0, -1.0, 0), (4, 1)), atol=1e-6)
-
-
-def test_tangents_of_degenerate_texture_coordinates_are_zero() -> None:
-    mesh = quad()
-    tangents = with_tangents(replace(mesh, uv0=np.zeros((4, 2), np.float32), tangents=None), 0).tangents
-    assert (tangents[:, :3] == 0).all()
-    assert np.isfinite(tangents).all()

@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 
 from renderers.camera import Camera
-from renderers.drawlist import DrawList, Image, Material, Mesh, Sampler, Texture
+from renderers.drawlist import DrawList, Image, Material, Sampler, Texture
 from renderers.interface import Look, LookName
 from renderers.shading import paint, prepare
-from renderers.shading.materials import COLORS_DECODE, COLORS_REPLACE, look_material, vertex_color_rule
+from renderers.shading.materials import COLORS_DECODE, COLORS_REPLACE, vertex_color_rule
 from tests.renderers.shading.reference import (
     UNFILTERED,
     Array,
@@ -35,12 +35,6 @@ def noise(size: int = 8, lowest: int = 0) -> Texture:
     pixels = RNG.integers(lowest, 256, (size, size + 3, 4)).astype(np.uint8)
     pixels[..., 3] = 255
     return Texture(image_of(pixels), UNFILTERED)
-
-
-def colored(mesh: Mesh) -> Mesh:
-    colors = RNG.random((len(mesh.positions), 4)).astype(np.float32)
-    colors[:, 3] = 1
-    return replace(mesh, colors=colors)
 
 
 def assert_same(scene: DrawList, look: Look, view: Camera | None = None, *, max_wrong: float = 0.0) -> Array:
@@ -100,23 +94,10 @@ def test_affine_transforms_of_normals_and_tangents(look: LookName, linear: Array
     assert_same(DrawList((placed(ball(), FULL, z=3.0, linear=linear),)), Look(look))
 
 
-def test_a_mirrored_ball_is_lit_as_bright_as_its_original() -> None:
-    original = painted(DrawList((placed(ball(16), z=3.0),)), camera(), Look("gltf"))
-    mirrored = painted(DrawList((placed(ball(16), z=3.0, linear=np.diag((1.0, 1.0, -1.0))),)), camera(), Look("gltf"))
-    assert np.abs(original - mirrored).mean() < 1.0
-
-
 @pytest.mark.parametrize("look", ["phong", "pbr"])
 def test_vtk_shows_a_mirrored_ball_black(look: LookName) -> None:
     mirrored = DrawList((placed(ball(16), z=3.0, linear=np.diag((1.0, 1.0, -1.0))),))
     assert painted(mirrored, camera(), Look(look))[18, 24].max() <= 20
-
-
-@pytest.mark.parametrize("look", ["phong", "pbr"])
-def test_triangles_without_normals_are_flat(look: LookName) -> None:
-    mesh = replace(ball(), normals=None)
-    assert_same(DrawList((placed(mesh, z=3.0, linear=SQUASHED),)), Look(look))
-    assert_same(DrawList((placed(mesh, z=3.0, linear=MIRRORED),)), Look(look))
 
 
 @pytest.mark.parametrize("normals", [True, False])
@@ -135,13 +116,6 @@ def test_a_back_face_of_a_single_sided_material_is_not_seen() -> None:
     assert (painted(DrawList((turned,)), camera(), Look()) == (204, 229, 255)).all()
 
 
-@pytest.mark.parametrize("look", ["phong", "pbr", "gltf"])
-@pytest.mark.parametrize("unlit", [False, True])
-def test_vertex_colors(look: LookName, unlit: bool) -> None:
-    material = Material(base_color=(1.0, 0.5, 0.25, 1.0), metallic=0.0, unlit=unlit)
-    assert_same(DrawList((placed(colored(ball()), material, z=3.0, linear=ROTATED),)), Look(look))
-
-
 def test_triangles_clipped_by_the_near_plane() -> None:
     """Some vertices lie behind the camera; interpolation stays exact."""
     ground = np.array(((-5, 0.5, -4), (-5, 0.5, 30), (5, 0.5, 30), (5, 0.5, -4)), np.float32)
@@ -157,46 +131,9 @@ def test_phong_is_exact_on_a_plane() -> None:
     assert (painted(scene, camera(), Look("phong"))[18, 24] == np.round(255 * 0.8 * np.array((1.0, 0.3, 0.7)))).all()
 
 
-def test_background_is_as_stored_in_both_looks() -> None:
-    for look in ("phong", "pbr"):
-        empty = painted(DrawList(), camera(), Look(look, (1, 2, 3)))
-        assert (empty == (1, 2, 3)).all()
-
-
-def test_lines_and_points_show_their_color_unlit() -> None:
-    view = camera()
-    ends = np.array(((-0.8, -0.5, 2.0), (0.8, 0.5, 4.0)), np.float32)
-    colors = np.array(((1, 0, 0.5, 1), (0, 1, 0.5, 1)), np.float32)
-    line = Mesh(ends, np.array(((0, 1),), np.uint32), colors=colors)
-    color = painted(DrawList((placed(line, Material(base_color=(1.0, 1.0, 0.5, 1.0))),)), view, Look("phong"))
-    is_drawn = (color != (204, 229, 255)).any(axis=-1)
-    # Perspective-correct: the middle of the line in the image is nearer to the near end.
-    ys, xs = np.nonzero(is_drawn)
-    for x, y in zip(xs, ys, strict=True):
-        ray = np.array(((x + 0.5 - view.cx) / view.fx, (y + 0.5 - view.cy) / view.fy))
-        samples = ends[0] + np.linspace(0, 1, 2001)[:, None] * (ends[1] - ends[0])
-        t = np.linspace(0, 1, 2001)[np.abs(samples[:, :2] / samples[:, 2:] - ray).sum(axis=1).argmin()]
-        expected = 255 * np.array((1 - t, t, 0.25))
-        assert np.abs(color[y, x] - expected).max() <= 255 * 0.02
-    points = Mesh(ends, np.array(((0,), (1,)), np.uint32), colors=colors)
-    color = painted(DrawList((placed(points),)), view, Look("pbr"))
-    is_drawn = (color != (204, 229, 255)).any(axis=-1)
-    assert {tuple(pixel) for pixel in color[is_drawn]} == {(255, 0, 128), (0, 255, 128)}
-
-
-def test_look_material() -> None:
-    vtk = Material(metallic=0.0, roughness=1.0, vtk_export=True)
-    assert look_material(vtk, "pbr").roughness == 0.5
-    assert look_material(replace(vtk, vtk_export=False), "pbr").roughness == 1.0
-    plain = look_material(FULL, "phong")
-    assert (plain.normal_texture, plain.occlusion_texture, plain.emissive) == (None, None, (0.0, 0.0, 0.0))
-    assert look_material(FULL, "gltf").occlusion_texture is None
-    assert look_material(FULL, "studio").occlusion_texture is not None
-    assert plain.base_color_texture.image is FULL.base_color_texture.image
-    assert vertex_color_rule(FULL, "phong") == 0
+def test_vertex_colors_of_pbr() -> None:
     assert vertex_color_rule(FULL, "pbr") == COLORS_DECODE | COLORS_REPLACE
     assert vertex_color_rule(replace(FULL, decodes_vertex_colors=False), "pbr") == COLORS_REPLACE
-    assert vertex_color_rule(FULL, "gltf") == 0
     assert vertex_color_rule(Material(unlit=True), "pbr") == COLORS_DECODE
 
 
@@ -230,15 +167,6 @@ def test_rejects_attributes_of_wrong_length_or_dtype(name: str) -> None:
     wide: dict[str, Any] = {name: np.zeros((4, columns))}
     with pytest.raises(TypeError, match="float32"):
         prepare((placed(quad(**wide), FULL),), "pbr")
-
-
-def test_plain_look_encodes_the_base_color() -> None:
-    """A linear factor that encodes to sRGB 0.5 gives 0.5 in the image; phong shows the factor itself."""
-    material = Material(base_color=(0.21404114, 0.0, 1.0, 0.25), metallic=0.0, emissive=(1.0, 0.0, 0.0))
-    plain = look_material(material, "plain")
-    assert plain.base_color == pytest.approx((0.5, 0.0, 1.0, 0.25), abs=1e-6)
-    assert plain.emissive == (0.0, 0.0, 0.0)
-    assert look_material(material, "phong").base_color == material.base_color
 
 
 @pytest.mark.parametrize(("look", "level"), [("plain", 188), ("phong", 128)])

@@ -220,11 +220,8 @@ def test_ramps_of_any_length(upright: bool, length: int, wrap: Wrap) -> None:
     if upright:
         pixels = pixels.swapaxes(0, 1)
     texture = Texture(image_of(np.ascontiguousarray(pixels)), Sampler(wrap, wrap, mipmaps=False))
-    corners = np.array(((-1, -1, 2), (1, -1, 2), (1, 1, 2), (-1, 1, 2)), np.float32)
-    uv = np.array(((0, 0), (1, 0), (1, 1), (0, 1)), np.float32)
-    square = Mesh(corners, np.array(((0, 1, 2), (0, 2, 3)), np.uint32), None, uv)
-    scene = DrawList((Instance(square, Material(base_color_texture=texture, double_sided=True), np.eye(4)),))
-    view = Camera(100, 100, 100.0, 100.0, 50.0, 50.0, 0.05, 100.0, np.eye(4))
+    mesh, view = square(100, 100)
+    scene = DrawList((Instance(mesh, Material(base_color_texture=texture, double_sided=True), np.eye(4)),))
     frame = CpuRenderer(1).render(scene, view, Output.COLOR)
     row = frame.color[50, :, 0] if not upright else frame.color[:, 50, 0]
     expected = 255 * (np.arange(100) + 0.5) / 100

@@ -8,7 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from renderers.camera import Camera
-from renderers.drawlist import DrawList, Image, Light, LightKind, Material, Sampler, Texture, Wrap
+from renderers.drawlist import DrawList, Image, Light, LightKind, Material, Texture
+from tests.renderers.shading.pixel_reference import bilinear
+from tests.renderers.shading.pixel_reference import srgb_to_linear as srgb_to_linear
 from tests.renderers.shading.reference import hits, rays
 
 Array = NDArray[np.float64]
@@ -131,50 +133,17 @@ def srgb(linear: Array) -> Array:
     return 255.0 * np.where(c <= 0.0031308, 12.92 * c, 1.055 * c ** (1 / 2.4) - 0.055)
 
 
-def linear(encoded: Array) -> Array:
-    return np.where(encoded <= 0.04045, encoded / 12.92, ((encoded + 0.055) / 1.055) ** 2.4)
-
-
 def levels(image: Image, color: bool) -> list[Array]:
     """Return all mip levels as float64, colours linear. Sizes are powers of two: each texel is the mean of four."""
     texels = image.decode().astype(np.float64) / 255.0
     if color:
-        texels[..., :3] = linear(texels[..., :3])
+        texels[..., :3] = srgb_to_linear(texels[..., :3])
     result = [texels]
     while max(result[-1].shape[:2]) > 1:
         h, w = result[-1].shape[:2]
         blocks = result[-1].reshape(max(h // 2, 1), min(h, 2), max(w // 2, 1), min(w, 2), 4)
         result.append(blocks.mean(axis=(1, 3)))
     return result
-
-
-def _wrapped(i: NDArray[np.int64], size: int, wrap: Wrap) -> NDArray[np.int64]:
-    if wrap is Wrap.CLAMP_TO_EDGE:
-        return np.clip(i, 0, size - 1)
-    if wrap is Wrap.MIRRORED_REPEAT:
-        return np.where((i // size) % 2 == 0, i % size, size - 1 - i % size)
-    return i % size
-
-
-def bilinear(texels: Array, sampler: Sampler, uv: Array, smooth: bool) -> Array:
-    """Sample one mip level: (n, 4)."""
-    h, w = texels.shape[:2]
-    x, y = uv[:, 0] * w, uv[:, 1] * h
-
-    def at(i: Array, j: Array) -> Array:
-        column = _wrapped(i.astype(np.int64), w, sampler.wrap_s)
-        row = _wrapped(j.astype(np.int64), h, sampler.wrap_t)
-        result: Array = texels[row, column]
-        return result
-
-    if not smooth:
-        return at(np.floor(x), np.floor(y))
-    i, j = np.floor(x - 0.5), np.floor(y - 0.5)
-    s, t = (x - 0.5 - i)[:, None], (y - 0.5 - j)[:, None]
-    above = (1 - s) * at(i, j) + s * at(i + 1, j)
-    below = (1 - s) * at(i, j + 1) + s * at(i + 1, j + 1)
-    mixed: Array = (1 - t) * above + t * below
-    return mixed
 
 
 def textured(texture: Texture, uv: Array, right: Array, below: Array, color: bool) -> Array:

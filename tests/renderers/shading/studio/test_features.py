@@ -115,7 +115,7 @@ def base_texture(**more: Any) -> dict[str, Any]:
 
 
 def base_color(t: ref.Array) -> ref.Array:
-    return np.array(PLAIN["baseColorFactor"])[:3] * ref.linear(t[:, :3])
+    return np.array(PLAIN["baseColorFactor"])[:3] * ref.srgb_to_linear(t[:, :3])
 
 
 TRANSFORM: dict[str, Any] = {"offset": [0.3, -0.2], "rotation": 0.5, "scale": [1.7, 0.6], "texCoord": 1}
@@ -227,7 +227,7 @@ FEATURES: dict[str, tuple[Builder, Expected]] = {
             emissiveTexture={"index": 0},
             extensions={"KHR_materials_emissive_strength": {"emissiveStrength": 6.0}},
         ),
-        lambda at: at.lit(FLAT) + 6.0 * np.array((0.1, 0.05, 0.02)) * ref.linear(at.texel()[:, :3]),
+        lambda at: at.lit(FLAT) + 6.0 * np.array((0.1, 0.05, 0.02)) * ref.srgb_to_linear(at.texel()[:, :3]),
     ),
     "specular_and_ior": (
         material_document(
@@ -246,7 +246,7 @@ FEATURES: dict[str, tuple[Builder, Expected]] = {
             FLAT,
             ior=1.9,
             specular=0.9 * at.texel()[:, 3:],
-            specular_color=np.array((1.0, 2.0, 0.5)) * ref.linear(at.texel()[:, :3]),
+            specular_color=np.array((1.0, 2.0, 0.5)) * ref.srgb_to_linear(at.texel()[:, :3]),
         ),
     ),
     "unlit": (
@@ -312,7 +312,7 @@ def test_occlusion_darkens_the_environment_but_not_lights(renderer: CpuRenderer)
     unoccluded = 1.0 + 0.7 * (at.texel()[:, :1] - 1.0)
     rig = replace(DARK, tone="none", surroundings=GREY)
     direct = at.lit(FLAT)
-    total = ref.linear(render_document(renderer, document(material), rig).reshape(-1, 3) / 255.0)
+    total = ref.srgb_to_linear(render_document(renderer, document(material), rig).reshape(-1, 3) / 255.0)
     expected = ref.srgb(direct + unoccluded * (total - direct))[where]
     wrong = np.abs(render_document(renderer, textured(document(occluded)), rig).reshape(-1, 3)[where] - expected)
     assert wrong.max() <= 2.0  # ``total`` is rounded to a level
