@@ -17,21 +17,16 @@ from renderers.drawlist import (
 )
 
 
-@pytest.mark.parametrize("count", [7, 47, 48, 49, 50, 1000])
-def test_used_vertices(count: int) -> None:
+@pytest.mark.parametrize("rows", [0, 2, 500])
+@pytest.mark.parametrize("count", [7, 47, 48, 49, 50, 1000, 100_000])
+def test_used_vertices_are_those_of_a_sort(rows: int, count: int) -> None:
     """Both ways, for few and for many vertices per index, give the same."""
-    elements = np.array(((5, 1, 6), (1, 5, 3)), np.uint32)
+    elements = np.random.default_rng(count).integers(0, count, (rows, 3), np.uint32)
     used, compact = used_vertices(elements, count)
-    assert used.tolist() == [1, 3, 5, 6]
-    assert compact.tolist() == [[2, 0, 3], [0, 2, 1]]
-    assert used.dtype == np.intp
-    assert compact.dtype == np.uint32
-    assert compact.flags.c_contiguous
-
-
-def test_no_vertices_are_used() -> None:
-    used, compact = used_vertices(np.zeros((0, 2), np.uint32), 5)
-    assert (used.shape, compact.shape) == ((0,), (0, 2))
+    expected, places = np.unique(elements, return_inverse=True)
+    assert np.array_equal(used, expected)
+    assert np.array_equal(compact, places.reshape(elements.shape))
+    assert (used.dtype, compact.dtype, compact.flags.c_contiguous) == (np.intp, np.uint32, True)
 
 
 @pytest.mark.parametrize("topology", Topology)

@@ -72,24 +72,6 @@ def as_posed(given: Sequence[Instance]) -> PosedInstances:
     return PosedInstances(own, np.array([i.X_world_mesh for i in given]).reshape(-1, 4, 4))
 
 
-def test_posed_instances_are_a_sequence() -> None:
-    given = moved(instances(Material(), Material(metallic=0.5)), 0.25)
-    posed = as_posed(given)
-    assert len(posed) == 2
-    for a, b in zip(posed, given, strict=True):
-        assert (a.mesh, a.material, a.label) == (b.mesh, b.material, b.label)
-        assert (a.X_world_mesh == b.X_world_mesh).all()
-    assert [i.instance_id for i in posed] == [0, 1]
-    assert posed[-1].instance_id == 1
-    assert [i.instance_id for i in posed[1:]] == [1]
-    with pytest.raises(IndexError):
-        posed[2]
-    with pytest.raises(ValueError, match="2 instances"):
-        PosedInstances(posed.set, np.zeros((3, 4, 4)))
-    assert DrawList(given).identity is not DrawList(given).identity
-    assert DrawList(posed).identity is posed.set
-
-
 @pytest.mark.parametrize("threads", [1, 2])
 @pytest.mark.parametrize("look", [Look(), Look("pbr"), Look("pbr", samples=4)])
 def test_an_instance_set_is_prepared_once_and_renders_like_a_list(look: Look, threads: int) -> None:

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from renderers.drawlist import AlphaMode, DrawList, Image, Instance, Material, Mesh, Texture, used_vertices
+from renderers.drawlist import AlphaMode, DrawList, Image, Instance, Material, Mesh, Texture
 from renderers.encode import png_rgb
 from renderers.fxaa import fxaa
 from renderers.images import decode_image
@@ -199,14 +199,3 @@ def test_long_steps_check_the_flag(step: str) -> None:
     flag.set(Enough())
     with pytest.raises(Enough):
         flag.run(STEPS[step])
-
-
-@pytest.mark.parametrize("count", [10, 1000, 100_000])
-def test_used_vertices_equal_a_sort(count: int) -> None:
-    elements = np.random.default_rng(count).integers(0, count, (500, 3), np.uint32)
-    used, compact = used_vertices(elements, count)
-    expected, places = np.unique(elements, return_inverse=True)
-    assert np.array_equal(used, expected)
-    assert np.array_equal(compact, places.reshape(elements.shape))
-    assert compact.dtype == np.uint32
-    assert compact.flags.c_contiguous

@@ -5,8 +5,7 @@ import pytest
 from numpy.typing import NDArray
 
 from gateway.adapters.stereo.device.profile import read_profile
-from renderers.stereo.depth.depth_images import DepthImages, DepthRange, exact_images, true_disparity
-from renderers.stereo.depth.filters import Filters, apply_filters
+from renderers.stereo.depth.depth_images import DepthRange, exact_images, true_disparity
 from renderers.stereo.model import Quality, StereoModel
 from tests.adapters.stereo.analytic import plane, sphere
 
@@ -54,90 +53,6 @@ def test_measures_only_points_seen_by_both_cameras(quality: Quality) -> None:
         assert not (exact_disparity[row][x < -0.5] > 0).any(), "points beside the right image must be holes"
         assert (exact_disparity[row][clear & (x > 0.5)] > 0).all(), "visible points must be images"
     assert seen > 100
-
-
-def test_depth_range_cuts_both_ends() -> None:
-    k = MODEL.intrinsics(2)
-    left = plane(k, 0.0, 2.0, 0.8)
-    right = plane(k, MODEL.baseline, 2.0, 0.8)
-    exact_disparity = true_disparity(left, right, k.focal_length * MODEL.baseline, DepthRange(1.8, 2.2))
-    assert (exact_disparity > 0).any()
-    assert left[exact_disparity > 0].min() >= 1.8
-    assert left[exact_disparity > 0].max() <= 2.2
-
-
-def block(disparity: NDArray[np.uint16], error: int = 2, confidence: int = 254) -> DepthImages:
-    valid = disparity > 0
-    return DepthImages(
-        disparity.copy(), np.where(valid, error, 0).astype(np.uint8), np.where(valid, confidence, 0).astype(np.uint8)
-    )
-
-
-def test_removes_small_segments() -> None:
-    d = np.zeros((60, 60), np.uint16)
-    d[2:6, 2:6] = 800  # 16 pixels
-    d[20:50, 20:50] = 800
-    images = block(d)
-    apply_filters(images, Filters(seg=17, fill=0), 88.0, 2)
-    assert not images.disparity[:10].any()
-    assert not images.confidence[:10].any()
-    assert (images.disparity[20:50, 20:50] == 800).all()
-    images = block(d)
-    apply_filters(images, Filters(seg=16, fill=0), 88.0, 2)
-    assert (images.disparity == d).all()
-
-
-def test_holes_are_filled_up_to_the_step_on_their_border() -> None:
-    d = np.full((60, 60), 800, np.uint16)
-    d[:, 30:] = 832  # two pixels farther on
-    d[10:13, 28:32] = 0
-    d[30:33, 10:13] = 0
-    d[0:3, 40:43] = 0  # at the edge of the image: nothing to interpolate between
-    for fill, fills_across_step in ((3, True), (1, False), (0, False)):
-        images = block(d)
-        apply_filters(images, Filters(seg=0, fill=fill), 88.0, 2)
-        assert (images.disparity[10:13, 28:32] > 0).all() == fills_across_step
-        assert (images.disparity[30:33, 10:13] == 800).all() == (fill > 0)
-        assert not images.disparity[0:3, 40:43].any()
-        if fills_across_step:
-            assert ((images.disparity[10:13, 28:32] > 800) & (images.disparity[10:13, 28:32] < 832)).all()
-            assert (images.confidence[10:13, 28:32] == 128).all()
-
-
-@pytest.mark.parametrize(("minconf", "filled"), [(0.5, True), (128 / 255, True), (0.51, False), (1.0, False)])
-def test_minimum_confidence_applies_to_filled_pixels(minconf: float, filled: bool) -> None:
-    d = np.full((60, 60), 800, np.uint16)
-    d[30:33, 10:13] = 0
-    images = block(d, confidence=255)
-    apply_filters(images, Filters(minconf=minconf, seg=0), 88.0, 2)
-    assert images.disparity[30:33, 10:13].all() == filled
-    assert images.confidence[images.disparity > 0].min() >= minconf * 255
-
-
-def test_at_most_five_percent_are_filled_smallest_first() -> None:
-    d = np.full((100, 100), 800, np.uint16)
-    d[10:40, 10:40] = 0  # 9 %
-    d[60:64, 60:64] = 0
-    images = block(d)
-    apply_filters(images, Filters(seg=0), 88.0, 2)
-    assert not images.disparity[10:40, 10:40].any()
-    assert images.disparity[60:64, 60:64].all()
-
-
-def test_depth_error_and_confidence_limits() -> None:
-    d = np.array([[160, 320, 640, 1280]], np.uint16)
-    focal_times_baseline = 88.0
-    images = block(np.repeat(d, 3, axis=0))
-    z = focal_times_baseline / (d[0] / 16.0)
-    z_eps = 2 / 16 * z**2 / focal_times_baseline
-    apply_filters(images, Filters(maxdeptherr=float(z_eps[1]) * 1.001, seg=0, fill=0), focal_times_baseline, 2)
-    assert (images.disparity[0] > 0).tolist() == [False, True, True, True]
-    images = block(np.repeat(d, 3, axis=0), confidence=150)
-    apply_filters(images, Filters(minconf=0.6, seg=0, fill=0), focal_times_baseline, 2)
-    assert not images.disparity.any()
-    images = block(np.repeat(d, 3, axis=0))
-    apply_filters(images, Filters(mindepth=float(z[2]), maxdepth=float(z[1]), seg=0, fill=0), focal_times_baseline, 2)
-    assert (images.disparity[0] > 0).tolist() == [False, True, True, False]
 
 
 def test_intrinsics_are_exact_fractions() -> None:

@@ -137,15 +137,6 @@ def test_segment_sizes_are_pixels_of_a_high_image(divisor: int, size: int) -> No
     assert (images.disparity[6] == disparity[6]).all()
 
 
-@pytest.mark.parametrize("edge", [np.s_[0:2, 8:10], np.s_[18:20, 8:10], np.s_[8:10, 0:2], np.s_[8:10, 18:20]])
-def test_holes_at_the_edge_of_the_image_stay(edge: tuple[slice, slice]) -> None:
-    disparity = np.full((20, 20), 160, np.uint16)
-    disparity[edge] = 0
-    images = depth_images(disparity)
-    fill_holes(images, 4)
-    assert not images.disparity[edge].any()
-
-
 def test_holes_are_filled_linearly_with_the_larger_error() -> None:
     disparity = np.full((12, 12), 160, np.uint16)
     disparity[:, 7:] = 176
@@ -160,6 +151,16 @@ def test_holes_are_filled_linearly_with_the_larger_error() -> None:
     above.disparity[4, 5] = 159
     fill_holes(above, 1)
     assert not above.disparity[5, 4:7].any(), "one unit too much above the hole"
+
+
+@pytest.mark.parametrize(("minconf", "filled"), [(0.5, True), (128 / 255, True), (0.51, False), (1.0, False)])
+def test_minimum_confidence_applies_to_filled_pixels(minconf: float, filled: bool) -> None:
+    d = np.full((60, 60), 800, np.uint16)
+    d[30:33, 10:13] = 0
+    images = depth_images(d)
+    apply_filters(images, Filters(minconf=minconf, seg=0), 88.0, 2)
+    assert images.disparity[30:33, 10:13].all() == filled
+    assert images.confidence[images.disparity > 0].min() >= minconf * 255
 
 
 def test_bins_average_valid_pixels_or_take_the_nearest() -> None:
