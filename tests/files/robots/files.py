@@ -52,6 +52,6 @@ def write(folder: Path, content: str | bytes, name: str = "robot.urdf") -> Path:
     return path
 
 
-def read(folder: Path, content: str) -> Robot:
+def read(folder: Path, content: str | bytes) -> Robot:
     """Write and read a robot file."""
     return read_robot(write(folder, content))

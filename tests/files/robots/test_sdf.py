@@ -84,6 +84,14 @@ def geometry(shape: str, rest: str = "") -> str:
     return model(f'<link name="a"><visual name="v"><geometry>{shape}</geometry>{rest}</visual></link>')
 
 
+def world(content: str) -> str:
+    return f'<sdf version="1.9"><world name="w">{content}</world></sdf>'
+
+
+def include(uri: str, rest: str = "") -> str:
+    return f"<include><uri>{uri}</uri>{rest}</include>"
+
+
 def read(folder: Path, content: str) -> Robot:
     return read_robot(write(folder, content, "robot.sdf"))
 
@@ -127,13 +135,6 @@ def test_poses_equal_drakes(tmp_path: Path) -> None:
     assert len(theirs) == len(ours) + 1  # and the world
     for name, X_world_link in zip(robot.links, ours, strict=True):
         np.testing.assert_allclose(X_world_link, theirs[name.rpartition("::")[2]], atol=1e-12)
-
-
-def test_unknown_rotation_formats_are_reported(tmp_path: Path) -> None:
-    pose = '<pose rotation_format="quat_wxyz">1 2 3 0 0 0.5</pose>'
-    robot = read(tmp_path, model(f'<link name="a">{pose}</link>'))
-    (warning,) = robot.warnings
-    assert "rotation_format='quat_wxyz' is neither euler_rpy nor quat_xyzw" in warning
 
 
 def test_a_joint_turns_about_its_own_frame(tmp_path: Path) -> None:
@@ -198,26 +199,21 @@ def test_other_shapes_are_named(tmp_path: Path, shape: str, reason: str) -> None
 
 
 @pytest.mark.parametrize(
-    ("material", "color"),
+    ("material", "color", "transparency"),
     [
-        ("<diffuse>1 0 0 0.5</diffuse>", (1, 0, 0, 0.5)),
-        ("<ambient>0 1 0</ambient>", (0, 1, 0, 1)),
-        ("<script><name>Gazebo/Blue</name></script>", (0, 0, 1, 1)),
-        ("", (*[linear_from_srgb(0.9)] * 3, 1)),
+        ("<diffuse>1 0 0 0.5</diffuse>", (1, 0, 0, 0.5), 0),
+        ("<ambient>0 1 0</ambient>", (0, 1, 0, 1), 0),
+        ("<script><name>Gazebo/Blue</name></script>", (0, 0, 1, 1), 0),
+        ("", (*[linear_from_srgb(0.9)] * 3, 1), 0),
+        ("<diffuse>1 0 0 0.5</diffuse>", (1, 0, 0, 0.1), 0.8),
+        ("", (*[linear_from_srgb(0.9)] * 3, 0.2), 0.8),
     ],
 )
-def test_materials(tmp_path: Path, material: str, color: tuple[float, ...]) -> None:
-    robot = read(tmp_path, geometry("<sphere><radius>1</radius></sphere>", f"<material>{material}</material>"))
+def test_materials(tmp_path: Path, material: str, color: tuple[float, ...], transparency: float) -> None:
+    rest = f"<material>{material}</material><transparency>{transparency}</transparency>"
+    robot = read(tmp_path, geometry("<sphere/>", rest))
     assert robot.parts[0][0].material.base_color == pytest.approx(color)
     assert robot.warnings == ()
-
-
-def test_transparency_lowers_the_opacity(tmp_path: Path) -> None:
-    for material, opacity in (("<diffuse>1 0 0 0.5</diffuse>", 0.1), ("", 0.2)):
-        extra = f"<transparency>0.8</transparency><material>{material}</material>"
-        robot = read(tmp_path, geometry("<sphere><radius>1</radius></sphere>", extra))
-        assert robot.parts[0][0].material.base_color[3] == pytest.approx(opacity)
-        assert robot.warnings == ()
 
 
 def test_meshes_lie_beside_the_file_that_names_them(tmp_path: Path) -> None:
@@ -225,9 +221,9 @@ def test_meshes_lie_beside_the_file_that_names_them(tmp_path: Path) -> None:
     mesh = "<mesh><uri>meshes/m.obj</uri><scale>2 2 2</scale></mesh>"
     write(tmp_path, geometry(mesh), "far/thing/thing-1.6.sdf")
     write(tmp_path, "<model><sdf version='1.6'>thing-1.6.sdf</sdf></model>", "far/thing/model.config")
-    include = "<include><uri>model://thing</uri><name>{}</name><pose>{} 0 0 0 0 0</pose></include>"
-    world = f'<sdf version="1.9"><world name="w">{include.format("one", 1)}{include.format("two", 2)}</world></sdf>'
-    robot = read_robot(write(tmp_path, world, "near/w.sdf"), roots=[tmp_path / "far"])
+    thing = "<include><uri>model://thing</uri><name>{}</name><pose>{} 0 0 0 0 0</pose></include>"
+    includes = thing.format("one", 1) + thing.format("two", 2)
+    robot = read_robot(write(tmp_path, world(includes), "near/w.sdf"), roots=[tmp_path / "far"])
     assert robot.links == ("one::a", "two::a")
     assert robot.warnings == ()
     assert [len(parts) for parts in robot.parts] == [1, 1]
@@ -236,8 +232,8 @@ def test_meshes_lie_beside_the_file_that_names_them(tmp_path: Path) -> None:
 
 def test_a_merged_include_has_no_name_of_its_own(tmp_path: Path) -> None:
     write(tmp_path, model('<link name="b"><pose>1 0 0 0 0 0</pose></link>'), "other/model.sdf")
-    include = '<include merge="true"><uri>other</uri><pose>0 1 0 0 0 0</pose></include>'
-    robot = read(tmp_path, model(f'<pose>0 0 1 0 0 0</pose><link name="a"/>{include}'))
+    merged = '<include merge="true"><uri>other</uri><pose>0 1 0 0 0 0</pose></include>'
+    robot = read(tmp_path, model(f'<pose>0 0 1 0 0 0</pose><link name="a"/>{merged}'))
     assert robot.links == ("a", "b")
     np.testing.assert_allclose(robot.link_poses({})[:, :3, 3], ((0, 0, 1), (1, 1, 1)))
 
@@ -264,7 +260,7 @@ def test_a_joint_may_move_in_the_world(tmp_path: Path) -> None:
 def test_a_link_may_be_called_world(tmp_path: Path) -> None:
     slide = '<joint name="j" type="prismatic"><parent>world</parent><child>cart</child></joint>'
     links = '<link name="world"/><link name="cart"><pose>0 0 1 0 0 0</pose></link>'
-    robot = read(tmp_path, f'<sdf version="1.6"><world name="w"><model name="m">{links}{slide}</model></world></sdf>')
+    robot = read(tmp_path, world(f'<model name="m">{links}{slide}</model>').replace("1.9", "1.6"))
     assert robot.links == ("world", "m::cart")
     np.testing.assert_allclose(robot.link_poses({"m::j": 0.5})[:, :3, 3], ((0, 0, 0), (0, 0, 1.5)))
 
@@ -284,6 +280,10 @@ LOOP = "".join(
             "the included model model://none is not shown: the package 'none'",
         ),
         ("<link/>", "a <link> has no name, it is left out"),
+        (
+            '<link name="b"><pose rotation_format="quat_wxyz">1 2 3 0 0 0.5</pose></link>',
+            "rotation_format='quat_wxyz' is neither euler_rpy nor quat_xyzw",
+        ),
         ('<link name="b"><pose>1 2</pose></link>', "<pose>1 2</pose> must be 6 finite numbers"),
         ('<link name="b"><pose relative_to="x">0 0 0 0 0 0</pose></link>', "there is no frame 'x'; the world is used"),
         ('<link name="b"><pose relative_to="b">0 0 0 0 0 0</pose></link>', "the frame 'b' is relative to itself"),
@@ -301,18 +301,21 @@ def test_what_cannot_be_used_is_left_out_with_a_warning(tmp_path: Path, content:
     assert np.isfinite(robot.link_poses({})).all()
 
 
-def test_links_of_one_name_are_renamed(tmp_path: Path) -> None:
+def test_links_joints_and_models_of_one_name_are_renamed(tmp_path: Path) -> None:
     shape = '<visual name="v"><geometry><sphere><radius>1</radius></sphere></geometry></visual>'
     robot = read(tmp_path, model(f'<link name="a"/><link name="a"><pose>1 0 0 0 0 0</pose>{shape}</link>'))
     assert robot.links == ("a", "a_1")
     assert robot.warnings == ("a second link is called 'a', it is called 'a_1'",)
     assert len(robot.parts[1]) == 1
     assert robot.link_poses({})[:, 0, 3].tolist() == [0, 1]
-
-
-def test_models_of_one_name_are_renamed(tmp_path: Path) -> None:
-    one = '<model name="m"><link name="a"/></model>'
-    robot = read(tmp_path, f'<sdf version="1.9"><world name="w">{one}{one}</world></sdf>')
+    joint = "<joint name='j' type='revolute'><parent>{}</parent><child>{}</child></joint>"
+    links = "".join(f"<link name='{name}'/>" for name in "wxyz")
+    robot = read(tmp_path, model(links + "".join(joint.format(*ends) for ends in ("wx", "xy", "yz"))))
+    assert [*robot.joints] == ["j", "j_joint", "j_joint2"]
+    assert robot.warnings == tuple(
+        f"a second joint is called 'j', it is called '{name}'" for name in [*robot.joints][1:]
+    )
+    robot = read(tmp_path, world(2 * '<model name="m"><link name="a"/></model>'))
     assert robot.links == ("m::a", "m_::a")
     assert robot.warnings == ("a second model is called 'm', it is called 'm_'",)
 
@@ -321,28 +324,28 @@ def test_models_of_one_name_are_renamed(tmp_path: Path) -> None:
     ("content", "message"),
     [
         ('<sdf version="1.9"/>', "it has no links"),
-        ("<model name='m'>" * 30, "nested more than 20 deep"),
+        (world("<model name='m'>" * 30 + "</model>" * 30), "nested more than 20 deep"),
     ],
 )
 def test_errors(tmp_path: Path, content: str, message: str) -> None:
-    if content.startswith("<model"):
-        content = f'<sdf version="1.9">{content}{"</model>" * 30}</sdf>'
     with pytest.raises(RobotFileError, match=message):
         read(tmp_path, content)
 
 
 def test_a_model_that_includes_itself_ends(tmp_path: Path) -> None:
-    twice = "<include><uri>.</uri><name>x</name></include><include><uri>.</uri><name>y</name></include>"
+    twice = "".join(include(".", f"<name>{name}</name>") for name in "xy")
     with pytest.raises(RobotFileError, match=r"nested more than 20 deep|includes more than 1000 models"):
         read_robot(write(tmp_path, model(f'<link name="a"/>{twice}'), "model.sdf"))
 
 
 @pytest.mark.parametrize("uri", ["hand", "model://hand"])
 def test_models_are_found_by_name(tmp_path: Path, uri: str) -> None:
+    """Beside that which includes them, or in the folder of models beside that of a world."""
     write(tmp_path, "<sdf><model name='hand'><link name='palm'/></model></sdf>", "models/hand/model.sdf")
-    path = write(tmp_path, model(f"<include><uri>{uri}</uri></include><link name='a'/>"), "models/arm/model.sdf")
-    robot = read_robot(path)
+    robot = read_robot(write(tmp_path, model(include(uri) + "<link name='a'/>"), "models/arm/model.sdf"))
     assert (robot.links, robot.warnings) == (("hand::palm", "a"), ())
+    if uri.startswith("model:"):
+        assert read_robot(write(tmp_path, world(include(uri)), "worlds/w.world")).links == ("hand::palm",)
 
 
 @pytest.mark.parametrize(
@@ -356,50 +359,31 @@ def test_models_are_found_by_name(tmp_path: Path, uri: str) -> None:
 def test_an_included_model_that_is_missing_is_a_warning(tmp_path: Path, uri: str, reason: str) -> None:
     """The model's own folder, which has a ``model.config``, is not taken for it."""
     write(tmp_path, "<model><sdf>robot.sdf</sdf></model>", "model.config")
-    robot = read(tmp_path, model(f"<include><uri>{uri}</uri></include><link name='a'/>"))
+    robot = read(tmp_path, model(include(uri) + "<link name='a'/>"))
     assert robot.links == ("a",)
     (warning,) = robot.warnings
     assert f"the included model {uri} is not shown: {reason}" in warning
 
 
-def test_an_included_light_gives_no_warning(tmp_path: Path) -> None:
-    write(tmp_path, "<sdf version='1.9'><light name='sun'/></sdf>", "sun/model.sdf")
-    assert read(tmp_path, model("<include><uri>model://sun</uri></include><link name='a'/>")).warnings == ()
-
-
-@pytest.mark.parametrize(
-    "uri", ["model://sun", "model://sun/", "https://fuel.gazebosim.org/1.0/OpenRobotics/models/Sun/2"]
-)
-def test_the_sun_of_gazebo_may_be_missing(tmp_path: Path, uri: str) -> None:
-    assert read(tmp_path, model(f"<include><uri>{uri}</uri></include><link name='a'/>")).warnings == ()
-
-
-def test_models_of_a_world_are_found_in_the_folder_beside_it(tmp_path: Path) -> None:
-    write(tmp_path, model("<link name='a'/>"), "models/hand/model.sdf")
-    world = "<sdf version='1.9'><world name='w'><include><uri>model://hand</uri></include></world></sdf>"
-    assert read_robot(write(tmp_path, world, "worlds/w.world")).links == ("m::a",)
+@pytest.mark.parametrize("uri", ["sun", "sun/", "https://fuel.gazebosim.org/1.0/OpenRobotics/models/Sun/2", "lamp"])
+def test_the_sun_of_gazebo_may_be_missing_and_models_may_be_lights(tmp_path: Path, uri: str) -> None:
+    write(tmp_path, "<sdf version='1.9'><light name='lamp'/></sdf>", "lamp/model.sdf")
+    uri = uri if uri.startswith("https") else f"model://{uri}"
+    assert read(tmp_path, model(include(uri) + "<link name='a'/>")).warnings == ()
 
 
 def test_models_of_fuel_are_those_on_this_machine(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("HOME", str(tmp_path / "home"))
-    url = "https://fuel.gazebosim.org/1.0/OpenRobotics/models/{}"
-    mesh = f"<mesh><uri>{url.format('Big%20Hand/tip/files/meshes/a.obj')}</uri></mesh>"
+    url = "https://fuel.gazebosim.org/1.0/OpenRobotics/models/"
+    mesh = f"<mesh><uri>{url}Big%20Hand/tip/files/meshes/a.obj</uri></mesh>"
     for version in ("9", "10"):
         folder = f"home/.gz/fuel/fuel.gazebosim.org/openrobotics/models/big hand/{version}"
-        write(
-            tmp_path,
-            model(f"<link name='of_{version}'><visual name='v'><geometry>{mesh}</geometry></visual></link>"),
-            f"{folder}/model.sdf",
-        )
+        write(tmp_path, geometry(mesh).replace('"a"', f'"of_{version}"'), f"{folder}/model.sdf")
         write(tmp_path, TRIANGLE, f"{folder}/meshes/a.obj")
     write(tmp_path, model("<link name='own'/>"), "models/Small/model.sdf")
-    includes = (
-        f"<include><name>m{each}</name><uri>{url.format(uri)}</uri></include>"
-        for each, uri in enumerate(("Big Hand", "Big%20Hand/3", "Small"))
-    )
-    robot = read_robot(
-        write(tmp_path, f"<sdf version='1.9'><world name='w'>{''.join(includes)}</world></sdf>", "worlds/w.world")
-    )
+    models = enumerate(("Big Hand", "Big%20Hand/3", "Small"))
+    includes = "".join(include(url + uri, f"<name>m{each}</name>") for each, uri in models)
+    robot = read_robot(write(tmp_path, world(includes), "worlds/w.world"))
     assert (robot.links, robot.warnings) == (("m0::of_10", "m1::of_10", "m2::own"), ())
 
 
@@ -420,20 +404,8 @@ def test_a_joint_with_the_name_of_a_link_is_renamed(tmp_path: Path) -> None:
 
 def test_a_material_script_is_named_in_a_warning(tmp_path: Path) -> None:
     material = "<material><script><uri>model://m/materials/scripts</uri><name>Model/Paint</name></script></material>"
-    robot = read(tmp_path, geometry("<box><size>1 1 1</size></box>", material))
-    (warning,) = robot.warnings
+    (warning,) = read(tmp_path, geometry("<box/>", material)).warnings
     assert "'Model/Paint'" in warning
-
-
-def test_joints_of_one_name_get_unique_names(tmp_path: Path) -> None:
-    joint = "<joint name='j' type='revolute'><parent>{}</parent><child>{}</child></joint>"
-    links = "".join(f"<link name='{name}'/>" for name in "wxyz")
-    robot = read(tmp_path, model(links + "".join(joint.format(*ends) for ends in ("wx", "xy", "yz"))))
-    assert [*robot.joints] == ["j", "j_joint", "j_joint2"]
-    assert robot.warnings == (
-        "a second joint is called 'j', it is called 'j_joint'",
-        "a second joint is called 'j', it is called 'j_joint2'",
-    )
 
 
 def test_a_submesh_is_the_only_node_that_is_shown(tmp_path: Path) -> None:
@@ -481,18 +453,16 @@ def test_textures_of_meshes_in_the_folders_of_gazebo(tmp_path: Path, name: str) 
 def test_colors_and_empty_geometry_of_visuals(tmp_path: Path) -> None:
     """Three numbers have no warning, as the opacity is optional in SDF. Nor has geometry that is empty on purpose."""
     visual = "<visual name='v'><material><diffuse>{}</diffuse></material><geometry>{}</geometry></visual>"
-    box = "<box><size>1 1 1</size></box>"
-    visuals = visual.format("255 0 0 255", box) + visual.format("0 1 0", box) + visual.format("1 1 1", "<empty/>")
-    sdf = f"<sdf version='1.9'><model name='m'><link name='l'>{visuals}</link></model></sdf>"
-    robot = read_robot(write(tmp_path, sdf, "m.sdf"))
+    cases = (("255 0 0 255", "<box/>"), ("0 1 0", "<box/>"), ("1 1 1", "<empty/>"))
+    visuals = "".join(visual.format(*case) for case in cases)
+    robot = read(tmp_path, model(f"<link name='l'>{visuals}</link>"))
     assert [part.material.base_color for part in robot.parts[0]] == [(1, 0, 0, 1), (0, 1, 0, 1)]
     assert robot.warnings == ("link 'l', visual 'v': diffuse='255 0 0 255' is read as 0 to 255",)
 
 
 def test_a_world_of_which_nothing_is_shown_says_why(tmp_path: Path) -> None:
-    sdf = "<sdf version='1.9'><world name='w'><include><uri>model://none</uri></include></world></sdf>"
     with pytest.raises(RobotFileError, match=r"no links: .*model://none "):
-        read_robot(write(tmp_path, sdf, "w.sdf"))
+        read(tmp_path, world(include("model://none")))
 
 
 PENDULUM = """<robot name="pendulum">
@@ -507,10 +477,6 @@ PENDULUM = """<robot name="pendulum">
   <frame name="tip" link="bob" xyz="0 0 0.5" rpy="0 0 0"/>
 </robot>"""
 """Its first link is not its root."""
-
-
-def world(content: str) -> str:
-    return f'<sdf version="1.9"><world name="w">{content}</world></sdf>'
 
 
 def test_an_included_urdf_is_a_robot(tmp_path: Path) -> None:

@@ -12,6 +12,7 @@ from gateway.scene.tree.geometry import Shape
 from renderers.color import linear_from_srgb
 from renderers.drawlist import AlphaMode
 from scenegate.messages.geometry import Box, Capsule, Cylinder, Ellipsoid, Sphere
+from scenegate.robots.robot import JointValue
 from scenegate.robots.robot_errors import RobotFileError
 from scenegate.robots.xml_text import pose_of_rpy
 from tests.files.robots.files import ARM, link, read, visual, write
@@ -73,30 +74,21 @@ def test_shapes(tmp_path: Path, geometry: str, shape: Shape) -> None:
     assert part.shape == shape
 
 
+def two_links(*materials: str) -> str:
+    """A robot of two links that show a box of a green material, and the ends of its elements."""
+    box = '<visual><geometry><box size="1 1 1"/></geometry><material name="green"'
+    links = (f'<link name="{name}">{box}{end}</visual></link>' for name, end in zip("ab", materials, strict=True))
+    return f'<robot name="r">{"".join(links)}</robot>'
+
+
 def test_undefined_materials_are_reported_once(tmp_path: Path) -> None:
-    box = '<geometry><box size="1 1 1"/></geometry><material name="green"/>'
-    links = "".join(f'<link name="{name}"><visual>{box}</visual></link>' for name in "ab")
-    robot = read(tmp_path, f'<robot name="r">{links}</robot>')
-    (warning,) = robot.warnings
-    assert warning == "link 'a', visual: material 'green' is not defined; what has it is grey"
+    robot = read(tmp_path, two_links("/>", "/>"))
+    assert robot.warnings == ("link 'a', visual: material 'green' is not defined; what has it is grey",)
 
 
 def test_a_material_may_be_defined_in_another_link(tmp_path: Path) -> None:
-    box = '<geometry><box size="1 1 1"/></geometry>'
-    robot = read(
-        tmp_path,
-        f'<robot name="r"><link name="a"><visual>{box}<material name="green"/></visual></link>'
-        f'<link name="b"><visual>{box}<material name="green"><color rgba="0 1 0 1"/></material></visual></link>'
-        "</robot>",
-    )
-    for (part,) in robot.parts:
-        assert part.material.base_color == (0, 1, 0, 1)
-
-
-def test_the_second_link_of_a_name_is_left_out(tmp_path: Path) -> None:
-    robot = read(tmp_path, '<robot><link name="a"/><link name="b"/><link name="a"/></robot>')
-    assert robot.links == ("a", "b")
-    assert robot.warnings == ("a second link is called 'a', it is left out",)
+    robot = read(tmp_path, two_links("/>", '><color rgba="0 1 0 1"/></material>'))
+    assert [part.material.base_color for (part,) in robot.parts] == [(0, 1, 0, 1)] * 2
 
 
 @pytest.mark.parametrize("content", [joint("spherical"), joint("ball").replace("joint", "drake:joint")])
@@ -257,12 +249,6 @@ def test_joints_without_a_name_or_with_that_of_another_get_one(tmp_path: Path) -
     ]
 
 
-def test_links_without_a_name_are_left_out(tmp_path: Path) -> None:
-    robot = read(tmp_path, '<robot><link/><link name="a"/></robot>')
-    assert robot.links == ("a",)
-    assert robot.warnings == ("a <link> has no name, it is left out",)
-
-
 def test_geometry_that_is_not_shown_gives_no_warning(tmp_path: Path) -> None:
     write(tmp_path, link("<collision><geometry><plane/></geometry></collision>" + BOX))
     assert read_robot(tmp_path / "robot.urdf").warnings == ()
@@ -273,22 +259,31 @@ COMMENTS = "comments before its declaration, with -- inside or in another encodi
 
 
 @pytest.mark.parametrize(
-    ("content", "warnings"),
+    ("content", "links", "warnings"),
     [
-        ("\n  <?xml version='1.0'?><robot><link name='a'/></robot>", ()),
-        ("<!DOCTYPE robot><robot><link name='a'/></robot>", ()),
-        ("<robot xmlns='http://www.ros.org/urdf'><link name='a'/></robot>", ()),
-        ("<robot><link name='a'/><sensor:camera x:y='1'/></robot>", ()),
+        ("\n  <?xml version='1.0'?><robot><link name='a'/></robot>", "a", ()),
+        ("<!DOCTYPE robot><robot><link name='a'/></robot>", "a", ()),
+        ("<robot xmlns='http://www.ros.org/urdf'><link name='a'/></robot>", "a", ()),
+        ("<robot><link name='a'/><sensor:camera x:y='1'/></robot>", "a", ()),
+        ("<robot><!-- a -- b --><link name='a'/><!-----></robot>", "a", (COMMENTS,)),
+        ("<!-- made by -- a program --><?xml version='1.0'?><robot><link name='a'/></robot>", "a", (COMMENTS,)),
+        ('<?xml version="1.0" encoding="utf-16"?><robot><link name="a"/></robot>'.encode("utf-16"), "a", ()),
         (
-            "<robot><!-- a -- b --><link name='a'/><!-----></robot>",
-            (COMMENTS,),
+            '<robot name="r"><!-- Größe --><link name="ü"/></robot>'.encode("latin-1"),
+            "ü",
+            ("it is not in the encoding that it names; it is read as Latin-1",),
         ),
-        ("<!-- made by -- a program --><?xml version='1.0'?><robot><link name='a'/></robot>", (COMMENTS,)),
+        ("<robot><link/><link name='a'/></robot>", "a", ("a <link> has no name, it is left out",)),
+        (
+            "<robot><link name='a'/><link name='b'/><link name='a'/></robot>",
+            "ab",
+            ("a second link is called 'a', it is left out",),
+        ),
     ],
 )
-def test_xml_as_people_write_it(tmp_path: Path, content: str, warnings: tuple[str, ...]) -> None:
+def test_xml_as_people_write_it(tmp_path: Path, content: str | bytes, links: str, warnings: tuple[str, ...]) -> None:
     robot = read(tmp_path, content)
-    assert robot.links == ("a",)
+    assert robot.links == tuple(links)
     assert robot.warnings == warnings
 
 
@@ -298,20 +293,6 @@ def test_the_world_needs_no_link(tmp_path: Path) -> None:
     robot = read(tmp_path, f'<robot><link name="a"/>{joint}</robot>')
     assert (robot.links, [*robot.joints], robot.warnings) == (("a", "world"), ["j"], ())
     assert robot.link_poses({})[0, 2, 3] == 2.0
-
-
-def test_utf_16_is_read(tmp_path: Path) -> None:
-    path = tmp_path / "robot.urdf"
-    path.write_bytes('<?xml version="1.0" encoding="utf-16"?><robot><link name="a"/></robot>'.encode("utf-16"))
-    assert read_robot(path, strict=True).links == ("a",)
-
-
-def test_latin_1_is_read(tmp_path: Path) -> None:
-    path = tmp_path / "robot.urdf"
-    path.write_bytes('<robot name="r"><!-- Größe --><link name="füße"/></robot>'.encode("latin-1"))
-    robot = read_robot(path)
-    assert robot.links == ("füße",)
-    assert robot.warnings == ("it is not in the encoding that it names; it is read as Latin-1",)
 
 
 def test_a_circle_and_two_parents_are_named(tmp_path: Path) -> None:
@@ -381,13 +362,19 @@ def test_poses_are_products_of_the_joints(tmp_path: Path) -> None:
         np.testing.assert_allclose(poses[name], X, atol=1e-15)
 
 
-def test_joints_with_several_values(tmp_path: Path) -> None:
-    robot = read(tmp_path, joint("floating", '<origin xyz="1 0 0"/>'))
-    _, X = robot.link_poses({"j": (0, 2, 3, 0, 0, 0, 2)})
-    np.testing.assert_allclose(X, [[-1, 0, 0, 1], [0, -1, 0, 2], [0, 0, 1, 3], [0, 0, 0, 1]])
-    robot = read(tmp_path, joint("planar", '<axis xyz="0 0 1"/>'))
-    _, X = robot.link_poses({"j": (1, 2, math.pi / 2)})
-    np.testing.assert_allclose(X, [[0, -1, 0, 1], [1, 0, 0, 2], [0, 0, 1, 0], [0, 0, 0, 1]], atol=1e-15)
+@pytest.mark.parametrize(
+    ("kind", "content", "value", "pose"),
+    [
+        ("floating", '<origin xyz="1 0 0"/>', (0, 2, 3, 0, 0, 0, 2), [[-1, 0, 0, 1], [0, -1, 0, 2], [0, 0, 1, 3]]),
+        ("planar", '<axis xyz="0 0 1"/>', (1, 2, math.pi / 2), [[0, -1, 0, 1], [1, 0, 0, 2], [0, 0, 1, 0]]),
+        ("revolute", '<axis xyz="0 0 1e200"/>', math.pi / 2, [[0, -1, 0, 0], [1, 0, 0, 0], [0, 0, 1, 0]]),
+    ],
+)
+def test_poses_of_one_joint(
+    tmp_path: Path, kind: str, content: str, value: JointValue, pose: list[list[float]]
+) -> None:
+    _, X = read(tmp_path, joint(kind, content)).link_poses({"j": value})
+    np.testing.assert_allclose(X[:3], pose, atol=1e-15)
 
 
 @pytest.mark.parametrize(
@@ -420,11 +407,6 @@ def test_joints_of_drake(tmp_path: Path) -> None:
     np.testing.assert_allclose(X, pose_of_rpy((0.01490, 0.00461, 0.99684), (1.1, 0.2, 0.3)), atol=5e-6)
     _, X = read(tmp_path, joint("universal", origin)).link_poses({"j": (0.3, 0.4)})
     np.testing.assert_allclose(X, pose_of_rpy((0, 0, 1), (0.4685, 0.5639, 0.4804)), atol=1e-4)
-
-
-def test_a_long_axis_is_normalised(tmp_path: Path) -> None:
-    robot = read(tmp_path, joint("revolute", '<axis xyz="0 0 1e200"/>'))
-    np.testing.assert_allclose(robot.link_poses({"j": 0.5})[1][:2, 0], (np.cos(0.5), np.sin(0.5)))
 
 
 def test_long_names_are_refused_and_not_repeated(tmp_path: Path) -> None:

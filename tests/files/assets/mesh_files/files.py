@@ -6,6 +6,8 @@ from pathlib import Path
 import cv2
 import numpy as np
 
+from gateway.files.assets.mesh_files import MeshFiles
+from gateway.scene.tree.geometry import Part, Surface
 from renderers.drawlist import Mesh
 
 TRIANGLE = "v 0 0 0\nv 1 0 0\nv 0 2 0\nf 1 2 3\n"
@@ -51,6 +53,40 @@ def stl(mesh: Mesh) -> bytes:
     rows = np.zeros(len(corners), np.dtype([("n", "<3f4"), ("v", "<9f4"), ("a", "<u2")]))
     rows["v"] = corners.reshape(-1, 9)
     return b"\0" * 80 + struct.pack("<I", len(corners)) + rows.tobytes()
+
+
+def ply(vertices: int, rows: str, *properties: str, faces: int = 0, comments: str = "") -> str:
+    """A PLY file in ASCII, whose vertices have further properties."""
+    lines = (*(f"float {axis}" for axis in "xyz"), *properties)
+    head = f"ply\nformat ascii 1.0\n{comments}element vertex {vertices}\n"
+    head += "".join(f"property {line}\n" for line in lines)
+    if faces:
+        head += f"element face {faces}\nproperty list uchar int vertex_indices\n"
+    return f"{head}end_header\n{rows}"
+
+
+RGB = ("uchar red", "uchar green", "uchar blue")
+
+
+def load_one(files: MeshFiles, name: str) -> tuple[Part, list[str]]:
+    """The one part of a file, and the warnings of loading it."""
+    warnings: list[str] = []
+    (part,) = files.load(name, warnings=warnings)
+    return part, warnings
+
+
+def load_painted(
+    files: MeshFiles, root: Path, material: str, uv: str = "vt 0 0\n", corners: str = "1/1 2/1 3/1"
+) -> tuple[Part, list[str]]:
+    """Load ``t.obj``, a triangle with the material ``m`` of ``t.mtl``."""
+    write(root / "t.mtl", f"newmtl m\n{material}\n")
+    write(root / "t.obj", "mtllib t.mtl\n" + uv + TRIANGLE.replace("f 1 2 3", f"usemtl m\nf {corners}"))
+    return load_one(files, "t.obj")
+
+
+def mesh_of(part: Part) -> Mesh:
+    assert isinstance(part.shape, Surface)
+    return part.shape.mesh
 
 
 def gltf(generator: str) -> str:

@@ -1,6 +1,5 @@
 """Shapes, materials, textures, units and axes of all formats."""
 
-import io
 import json
 import struct
 from pathlib import Path
@@ -13,23 +12,35 @@ from PIL import Image
 from gateway.files.assets.mesh_files import MeshFileError, MeshFileLimits, MeshFiles
 from gateway.files.gltf import GltfLimits
 from gateway.scene.draw.flatten import flatten
-from gateway.scene.tree.geometry import Part, PointCloud, Surface
+from gateway.scene.tree.geometry import Part, PointCloud
 from gateway.scene.tree.nodes import Node
 from renderers import primitives
-from renderers.drawlist import AlphaMode, Mesh
-from tests.files.assets.mesh_files.files import CUBE, CUBE_MTL, DAE, TRIANGLE, gltf, png, stl, write
+from renderers.drawlist import AlphaMode
+from tests.files.assets.mesh_files.files import (
+    CUBE,
+    CUBE_MTL,
+    DAE,
+    RGB,
+    TRIANGLE,
+    gltf,
+    load_one,
+    load_painted,
+    mesh_of,
+    ply,
+    png,
+    stl,
+    write,
+)
 from tests.support.bounds import scene_bounds
 
 
 def bounds(parts: tuple[Part, ...]) -> np.ndarray:
-    found = scene_bounds(flatten(Node(parts)))
-    assert found is not None
-    return found
+    return scene_bounds(flatten(Node(parts)))
 
 
-def mesh_of(part: Part) -> Mesh:
-    assert isinstance(part.shape, Surface)
-    return part.shape.mesh
+@pytest.fixture
+def white(root: Path) -> None:
+    write(root / "p.png", png((255, 255, 255)))
 
 
 def test_obj_with_materials_and_texture(root: Path, files: MeshFiles) -> None:
@@ -80,32 +91,23 @@ def test_textures_that_cannot_be_decoded_are_left_out(root: Path, files: MeshFil
 
 def test_a_texture_of_16_bits_in_a_tiff_file(root: Path, files: MeshFiles) -> None:
     Image.fromarray(np.full((1, 2), 100 * 257, np.uint16)).save(root / "p.tiff")
-    write(root / "t.mtl", "newmtl m\nmap_Kd p.tiff\n")
-    write(root / "t.obj", "mtllib t.mtl\nvt 0 0\n" + TRIANGLE.replace("f 1 2 3", "usemtl m\nf 1/1 2/1 3/1"))
-    (part,) = files.load("t.obj")
+    part, _ = load_painted(files, root, "map_Kd p.tiff")
     assert part.material.base_color_texture.image.decode()[0, 0, 0] == 100
 
 
 @pytest.mark.parametrize("format_", ["BMP", "DDS", "GIF", "TGA", "TIFF"])
 @pytest.mark.parametrize("option", ["", "-clamp on ", "-s 1 1 1 -bm 0.5 "])
 def test_textures_of_older_formats(root: Path, files: MeshFiles, format_: str, option: str) -> None:
-    encoded = io.BytesIO()
-    Image.new("RGB", (2, 1), (200, 100, 50)).save(encoded, format_)
-    write(root / f"paint.{format_.lower()}", encoded.getvalue())
-    write(root / "t.mtl", f"newmtl m\nmap_Kd {option}paint.{format_.lower()}\n")
-    write(root / "t.obj", "mtllib t.mtl\nvt 0 0\n" + TRIANGLE.replace("f 1 2 3", "usemtl m\nf 1/1 2/1 3/1"))
-    warnings: list[str] = []
-    (part,) = files.load("t.obj", warnings=warnings)
-    texture = part.material.base_color_texture
+    Image.new("RGB", (2, 1), (200, 100, 50)).save(root / f"paint.{format_.lower()}", format_)
+    part, warnings = load_painted(files, root, f"map_Kd {option}paint.{format_.lower()}")
     assert not warnings
-    assert texture.image.decode()[0, 0].tolist() == [200, 100, 50, 255]
+    assert part.material.base_color_texture.image.decode()[0, 0].tolist() == [200, 100, 50, 255]
 
 
 def test_undefined_materials_of_obj_files(root: Path, files: MeshFiles) -> None:
     write(root / "t.mtl", "newmtl m\nKd 0 1 0\n")
     write(root / "t.obj", "mtllib t.mtl\n" + TRIANGLE.replace("f ", "usemtl other\nf "))
-    warnings: list[str] = []
-    files.load("t.obj", warnings=warnings)
+    _, warnings = load_one(files, "t.obj")
     assert warnings == ["'t.obj': materials of usemtl that no MTL file defines (1): 'other'; they are white"]
 
 
@@ -127,18 +129,13 @@ def test_normals_of_the_file_are_kept(root: Path, files: MeshFiles) -> None:
 
 
 def test_ply_with_vertex_colours_and_ply_of_points(root: Path, files: MeshFiles) -> None:
-    head = "ply\nformat ascii 1.0\nelement vertex 3\n" + "".join(f"property float {c}\n" for c in "xyz")
-    colors = "".join(f"property uchar {c}\n" for c in ("red", "green", "blue"))
     rows = "0 0 0 255 0 0\n1 0 0 0 255 0\n0 1 0 0 0 188\n"
-    write(
-        root / "c.ply",
-        f"{head}{colors}element face 1\nproperty list uchar int vertex_indices\nend_header\n{rows}3 0 1 2\n",
-    )
+    write(root / "c.ply", ply(3, rows + "3 0 1 2\n", *RGB, faces=1))
     mesh = mesh_of(files.load("c.ply")[0])
     # the file has colours as displays show them, a mesh has linear light, which 188 is half of
     light = [(1, 0, 0, 1), (0, 1, 0, 1), (0, 0, 0.5029, 1)]
     np.testing.assert_allclose(mesh.colors[np.argsort(mesh.positions @ (1, 2, 0))], light, atol=1e-4)
-    write(root / "p.ply", f"{head}{colors}end_header\n{rows}")
+    write(root / "p.ply", ply(3, rows, *RGB))
     (part,) = files.load("p.ply")
     assert isinstance(part.shape, PointCloud)
     np.testing.assert_array_equal(part.shape.points, [(0, 0, 0), (1, 0, 0), (0, 1, 0)])
@@ -149,6 +146,7 @@ def test_ply_with_vertex_colours_and_ply_of_points(root: Path, files: MeshFiles)
     ("asset", "expected"),
     [
         ('<unit name="cm" meter="0.01"/><up_axis>Z_UP</up_axis>', [(0, 0, 0.05), (0.01, 0.02, 0.05)]),
+        ('<unit meter="inch"/><up_axis>Z_UP</up_axis>', [(0, 0, 5), (1, 2, 5)]),  # no number
         ("<up_axis>Y_UP</up_axis>", [(0, -5, 0), (1, -5, 2)]),
         ("", [(0, -5, 0), (1, -5, 2)]),
         ("<up_axis>X_UP</up_axis>", [(-2, -5, 0), (0, -5, 1)]),
@@ -186,14 +184,8 @@ def test_lights_of_a_mesh_are_parts_in_its_frame(root: Path, files: MeshFiles) -
     assert (light.position, light.direction, light.range) == ((2, -6, 4), (0, 1, 0), 5)
 
 
-def test_scale_is_applied_along_the_files_axes(root: Path, files: MeshFiles) -> None:
-    write(root / "t.obj", TRIANGLE)
-    np.testing.assert_array_equal(bounds(files.load("t.obj", (2, -3, 4))), [(0, -6, 0), (2, 0, 0)])
-    np.testing.assert_array_equal(bounds(files.load("t.obj")), [(0, 0, 0), (1, 2, 0)])
-
-
-@pytest.mark.parametrize("scale", [(0.5, 0.5, 0.5), (1, 1, 0.5), (1, 3, 1), (-1, 1, 1)])
-def test_any_factor_that_is_not_1_scales(root: Path, files: MeshFiles, scale: tuple[float, float, float]) -> None:
+@pytest.mark.parametrize("scale", [(2, -3, 4), (1, 1, 1), (2, 1, 1), (1, 3, 1), (1, 1, 0.5), (-1, 1, 1)])
+def test_scale_is_applied_along_the_files_axes(root: Path, files: MeshFiles, scale: tuple[float, float, float]) -> None:
     write(root / "t.obj", TRIANGLE)
     (part,) = files.load("t.obj", scale)
     np.testing.assert_array_equal(part.X_node_part, np.diag((*scale, 1)))
@@ -210,57 +202,42 @@ def test_units_of_collada_are_limited(root: Path, files: MeshFiles, metres: str,
             files.load("part.dae")
 
 
-def test_a_unit_that_is_no_number_is_a_metre(root: Path, files: MeshFiles) -> None:
-    write(root / "part.dae", DAE.format(asset='<unit meter="inch"/><up_axis>Z_UP</up_axis>'))
-    np.testing.assert_allclose(bounds(files.load("part.dae")), [(0, 0, 5), (1, 2, 5)], atol=1e-6)
-
-
 @pytest.mark.parametrize(
     ("statements", "opacity"),
     [("", 1.0), ("d 0.25", 0.25), ("Tr 0.25", 0.75), ("d 0.5\nTr 0.25", 0.5), ("d 7", 1.0), ("d nan\nTr 0.25", 0.75)],
 )
 def test_opacity_of_obj_materials(root: Path, files: MeshFiles, statements: str, opacity: float) -> None:
-    write(root / "t.mtl", f"newmtl m\nKd 0 1 0\n{statements}\n")
-    write(root / "t.obj", "mtllib t.mtl\n" + TRIANGLE.replace("f ", "usemtl m\nf "))
-    (part,) = files.load("t.obj")
+    part, _ = load_painted(files, root, f"Kd 0 1 0\n{statements}")
     assert part.material.base_color == pytest.approx((0, 1, 0, opacity))
     assert part.material.alpha_mode is (AlphaMode.BLEND if opacity < 1 else AlphaMode.OPAQUE)
     assert part.material.double_sided
 
 
+@pytest.mark.usefixtures("white")
 def test_texture_coordinates_start_at_the_top(root: Path, files: MeshFiles) -> None:
-    write(root / "p.png", png((255, 0, 0)))
-    write(root / "t.mtl", "newmtl m\nKd 0 0 0\nd 0.5\nmap_Kd p.png\n")
-    texture = "vt 0 0.25\nvt 1 0\nvt 0.5 1\n"
-    write(root / "t.obj", f"mtllib t.mtl\n{TRIANGLE.replace('f 1 2 3', '')}{texture}usemtl m\nf 1/1 2/2 3/3\n")
-    (part,) = files.load("t.obj")
+    uv = "vt 0 0.25\nvt 1 0\nvt 0.5 1\n"
+    part, _ = load_painted(files, root, "Kd 0 0 0\nd 0.5\nmap_Kd p.png", uv, "1/1 2/2 3/3")
     mesh = mesh_of(part)
     order = np.argsort(mesh.positions @ (1, 2, 0))
     assert mesh.uv0[order].tolist() == [[0, 0.75], [1, 1], [0.5, 0]]
     assert part.material.base_color == (1, 1, 1, 0.5)  # the image replaces the black colour
 
 
+@pytest.mark.usefixtures("white")
 @pytest.mark.parametrize("number", ["nan", "inf", "1e39"])
 def test_texture_coordinates_that_are_not_finite_are_zero(root: Path, files: MeshFiles, number: str) -> None:
-    write(root / "p.png", png((255, 0, 0)))
-    write(root / "t.mtl", "newmtl m\nmap_Kd p.png\n")
-    texture = f"vt 0 0.25\nvt 1 {number}\nvt 0.5 1\n"
-    write(root / "t.obj", f"mtllib t.mtl\n{TRIANGLE.replace('f 1 2 3', '')}{texture}usemtl m\nf 1/1 2/2 3/3\n")
-    warnings: list[str] = []
-    (part,) = files.load("t.obj", warnings=warnings)
+    uv = f"vt 0 0.25\nvt 1 {number}\nvt 0.5 1\n"
+    part, warnings = load_painted(files, root, "map_Kd p.png", uv, "1/1 2/2 3/3")
     assert warnings == ["'t.obj': 1 of 3 texture coordinates are not finite, they are read as 0"]
     assert part.material.base_color_texture is not None
-    uv = mesh_of(part).uv0
-    assert sorted(uv.tolist()) == [[0, 0.75], [0.5, 0], [1, 1]]
+    assert sorted(mesh_of(part).uv0.tolist()) == [[0, 0.75], [0.5, 0], [1, 1]]
 
 
 def test_vertices_that_are_not_finite_drop_their_triangles(root: Path, files: MeshFiles) -> None:
-    head = "ply\nformat ascii 1.0\nelement vertex 5\nproperty float x\nproperty float y\nproperty float z\n"
     rows = "0 0 0\n1 0 0\n0 -1e13 0\n0 nan 0\n0 0 inf\n"
-    faces = "element face 3\nproperty list uchar int vertex_indices\nend_header\n"
-    write(root / "t.ply", f"{head}{faces}{rows}3 0 1 2\n3 0 1 3\n3 1 2 4\n")
-    warnings: list[str] = []
-    mesh = mesh_of(files.load("t.ply", warnings=warnings)[0])
+    write(root / "t.ply", ply(5, rows + "3 0 1 2\n3 0 1 3\n3 1 2 4\n", faces=3))
+    part, warnings = load_one(files, "t.ply")
+    mesh = mesh_of(part)
     assert warnings == ["'t.ply': 2 of 3 triangles with vertices that are not finite are left out"]
     assert len(mesh.elements) == 1
     assert mesh.positions[mesh.elements[0]].min() == np.float32(-1e13)
@@ -272,8 +249,8 @@ def test_obj_vertices_that_are_not_finite_in_float32_drop_their_faces(
     root: Path, files: MeshFiles, number: str
 ) -> None:
     write(root / "t.obj", f"v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 {number}\nf 1 2 3\nf 1 2 4\n")
-    warnings: list[str] = []
-    mesh = mesh_of(files.load("t.obj", warnings=warnings)[0])
+    part, warnings = load_one(files, "t.obj")
+    mesh = mesh_of(part)
     assert (len(mesh.elements), mesh.positions.max()) == (1, 1.0)
     assert warnings == ["'t.obj': 1 of 2 triangles with vertices that are not finite are left out"]
     write(root / "u.obj", f"v 0 0 0\nv 1 0 0\nv 0 0 {number}\nf 1 2 3\n")
@@ -286,8 +263,7 @@ def test_a_missing_material_or_texture_file_has_a_warning(root: Path, files: Mes
     if missing != "t.mtl":
         write(root / "t.mtl", "newmtl m\nKd 0 0 1\nmap_Kd p.png\n")
     write(root / "t.obj", "mtllib t.mtl\n" + TRIANGLE.replace("f ", "usemtl m\nf "))
-    warnings: list[str] = []
-    assert len(files.load("t.obj", warnings=warnings)) == 1
+    _, warnings = load_one(files, "t.obj")
     assert warnings == [f"'t.obj': {missing!r} is left out: No such file or directory"]
 
 
@@ -312,8 +288,7 @@ def test_texture_coordinates_of_the_corners_of_ply_faces(
         uv = [coordinate for vertex in face for coordinate in (number, vertex / 8)]
         body += struct.pack(f"{order}B{len(face)}iB{len(uv)}f3B", len(face), *face, len(uv), *uv, 255, 255, 255)
     write(root / "t.ply", header.encode() + body)
-    warnings: list[str] = []
-    (part,) = files.load("t.ply", warnings=warnings)
+    part, warnings = load_one(files, "t.ply")
     mesh = mesh_of(part)
     assert part.material.base_color_texture is not None
     assert (warnings, len(mesh.elements)) == ([], sum(len(face) - 2 for face in faces))
@@ -326,11 +301,8 @@ def test_texture_coordinates_of_the_corners_of_ply_faces(
 def test_a_second_texture_of_a_ply_file_has_a_warning(root: Path, files: MeshFiles) -> None:
     write(root / "q.png", png((255, 0, 0)))
     comments = "comment TextureFile p.png\ncomment TextureFile q.png\n"
-    vertices = "element vertex 3\nproperty float x\nproperty float y\nproperty float z\n"
-    faces = "element face 1\nproperty list uchar int vertex_indices\nend_header\n"
-    write(root / "t.ply", f"ply\nformat ascii 1.0\n{comments}{vertices}{faces}0 0 0\n1 0 0\n0 1 0\n3 0 1 2\n")
-    warnings: list[str] = []
-    files.load("t.ply", warnings=warnings)
+    write(root / "t.ply", ply(3, "0 0 0\n1 0 0\n0 1 0\n3 0 1 2\n", faces=1, comments=comments))
+    _, warnings = load_one(files, "t.ply")
     assert len(warnings) == 1
 
 
@@ -342,34 +314,28 @@ def test_textures_are_relative_to_the_file_of_the_material(
     write(root / "m" / texture.split()[-1], png((255, 0, 0)))
     write(root / "m/t.mtl", f"newmtl m\nmap_Kd {texture}\nmap_d {texture}\n")
     write(root / "t.obj", f"mtllib {library}\nvt 0 0\n" + TRIANGLE.replace("f 1 2 3", "usemtl m # it\nf 1/1 2/1 3/1"))
-    warnings: list[str] = []
-    (part,) = files.load("t.obj", warnings=warnings)
+    part, warnings = load_one(files, "t.obj")
     assert part.material.base_color_texture is not None
     assert warnings == []
 
 
+@pytest.mark.usefixtures("white")
 @pytest.mark.parametrize("name", ["/home/other/tex/p.png", r"C:\other tex\p.png", r".\p.png", '"p.png"', "tex/p.png"])
 def test_a_texture_named_by_a_path_of_another_machine_is_looked_for_beside_the_mesh(
     root: Path, files: MeshFiles, name: str
 ) -> None:
-    write(root / "p.png", png((255, 0, 0)))
-    write(root / "t.mtl", f"newmtl m\nmap_Kd {name}\n")
-    write(root / "t.obj", "mtllib t.mtl\nvt 0 0\n" + TRIANGLE.replace("f 1 2 3", "usemtl m\nf 1/1 2/1 3/1"))
-    warnings: list[str] = []
-    (part,) = files.load("t.obj", warnings=warnings)
+    part, warnings = load_painted(files, root, f"map_Kd {name}")
     assert part.material.base_color_texture is not None
     assert len(warnings) == (name not in (r".\p.png", '"p.png"'))
 
 
+@pytest.mark.usefixtures("white")
 @pytest.mark.parametrize(
     ("kd", "expected"), [("Kd 0.5 0 1\n", (0.2159, 0, 1)), ("", (1, 1, 1)), ("Kd 0 0 0\n", (1, 1, 1))]
 )
 def test_kd_multiplies_the_texture(root: Path, files: MeshFiles, kd: str, expected: tuple[float, ...]) -> None:
     """As in Drake. A black one beside a texture is a slip of exporters."""
-    write(root / "p.png", png((255, 255, 255)))
-    write(root / "t.mtl", f"newmtl m\n{kd}map_Kd p.png\n")
-    write(root / "t.obj", "mtllib t.mtl\nvt 0 0\n" + TRIANGLE.replace("f 1 2 3", "usemtl m\nf 1/1 2/1 3/1"))
-    (part,) = files.load("t.obj")
+    part, _ = load_painted(files, root, f"{kd}map_Kd p.png")
     assert part.material.base_color[:3] == pytest.approx(expected, abs=2e-3)
     assert part.material.base_color_texture is not None
 
@@ -386,16 +352,12 @@ def test_kd_multiplies_the_texture(root: Path, files: MeshFiles, kd: str, expect
         ("-blendu on -cc off -mm 0.5 1", [(0, 0), (1, 1)], ("-mm 0.5 1",)),
     ],
 )
+@pytest.mark.usefixtures("white")
 def test_options_of_textures(
     root: Path, files: MeshFiles, options: str, expected: list[tuple[float, float]], ignored: tuple[str, ...]
 ) -> None:
-    write(root / "p.png", png((255, 255, 255)))
-    write(root / "t.mtl", f"newmtl m\nmap_Kd {options} p.png\n")
-    write(root / "t.obj", "mtllib t.mtl\nvt 0 0\nvt 1 1\n" + TRIANGLE.replace("f 1 2 3", "usemtl m\nf 1/1 2/2 3/1"))
-    warnings: list[str] = []
-    (part,) = files.load("t.obj", warnings=warnings)
-    uv0 = mesh_of(part).uv0
-    found = {(float(u), float(1 - v)) for u, v in uv0}
+    part, warnings = load_painted(files, root, f"map_Kd {options} p.png", "vt 0 0\nvt 1 1\n", "1/1 2/2 3/1")
+    found = {(float(u), float(1 - v)) for u, v in mesh_of(part).uv0}
     assert found == {(float(u), float(v)) for u, v in expected}
     assert len(warnings) == len(ignored)
     assert all(option in warning for option, warning in zip(ignored, warnings, strict=True))
@@ -405,19 +367,14 @@ def test_options_of_textures(
     ("ke", "expected"), [("Ke 0 1 0.5", (0, 1, 0.2140)), ("Ke 1", (1, 1, 1)), ("Ke 0 0 0", (0, 0, 0))]
 )
 def test_ke_is_emitted(root: Path, files: MeshFiles, ke: str, expected: tuple[float, ...]) -> None:
-    write(root / "t.mtl", f"newmtl m\nKd 0 0 0\n{ke}  # lamp\n")
-    write(root / "t.obj", "mtllib t.mtl\n" + TRIANGLE.replace("f 1 2 3", "usemtl m\nf 1 2 3"))
-    (part,) = files.load("t.obj")
+    part, _ = load_painted(files, root, f"Kd 0 0 0\n{ke}  # lamp")
     assert part.material.emissive == pytest.approx(expected, abs=1e-3)
 
 
+@pytest.mark.usefixtures("white")
 @pytest.mark.parametrize(("name", "is_ignored"), [("p.png", False), ("-s 1 1 1 other.png", True)])
 def test_map_d_is_said_unless_it_is_the_alpha_of_map_kd(
     root: Path, files: MeshFiles, name: str, is_ignored: bool
 ) -> None:
-    write(root / "p.png", png((255, 255, 255)))
-    write(root / "t.mtl", f"newmtl m\nmap_Kd p.png\nmap_d {name}\n")
-    write(root / "t.obj", "mtllib t.mtl\nvt 0 0\n" + TRIANGLE.replace("f 1 2 3", "usemtl m\nf 1/1 2/1 3/1"))
-    warnings: list[str] = []
-    files.load("t.obj", warnings=warnings)
+    _, warnings = load_painted(files, root, f"map_Kd p.png\nmap_d {name}")
     assert any("map_d" in warning for warning in warnings) == is_ignored

@@ -9,7 +9,7 @@ import pytest
 
 from gateway.files.assets.mesh_files import MeshFileError, MeshFileLimits, MeshFiles
 from gateway.files.gltf import GltfLimits
-from tests.files.assets.mesh_files.files import DAE, TRIANGLE, gltf, png, write
+from tests.files.assets.mesh_files.files import DAE, TRIANGLE, gltf, load_painted, png, write
 
 
 def test_collada_with_entities_is_refused(root: Path, files: MeshFiles) -> None:
@@ -64,10 +64,11 @@ def test_materials_outside_of_the_roots_are_left_out(root: Path, files: MeshFile
 
 
 def test_textures_outside_of_the_roots_are_left_out(root: Path, files: MeshFiles) -> None:
+    """Each sender has a cache of its own: what one loads that may is not shown to all."""
     write(root.parent / "secret.png", png((9, 9, 9)))
-    write(root / "t.mtl", "newmtl m\nKd 1 0 0\nmap_Kd ../secret.png\n")
-    write(root / "t.obj", "mtllib t.mtl\nv 0 0 0\nv 1 0 0\nv 0 2 0\nvt 0 0\nusemtl m\nf 1/1 2/1 3/1\n")
-    (part,) = files.load("t.obj")
+    local, _ = load_painted(MeshFiles([root], any_folder=True), root, "Kd 1 0 0\nmap_Kd ../secret.png")
+    assert local.material.base_color_texture is not None
+    part, _ = load_painted(files, root, "Kd 1 0 0\nmap_Kd ../secret.png")
     assert part.material.base_color_texture is None
     assert part.material.base_color == (1, 0, 0, 1)
 
@@ -85,16 +86,10 @@ def anywhere() -> MeshFiles:
 
 
 def test_any_folder_with_materials_and_textures(root: Path, anywhere: MeshFiles) -> None:
-    write(root / "textures" / "red.png", png((255, 0, 0)))
-    write(root / "t.mtl", "newmtl m\nKd 1 0 0\nmap_Kd ../textures/red.png\n")
-    write(root / "meshes" / "t.obj", "mtllib ../t.mtl\nv 0 0 0\nv 1 0 0\nv 0 2 0\nvt 0 0\nusemtl m\nf 1/1 2/1 3/1\n")
-    (root / "link.obj").symlink_to(root / "meshes" / "t.obj")
-    for name in (
-        str(root / "meshes" / "t.obj"),
-        f"file://{root}/meshes/t.obj",
-        f"{root}/link.obj",
-        f"{root}/meshes/t.vtp",
-    ):
+    write(root.parent / "textures" / "red.png", png((255, 0, 0)))
+    load_painted(MeshFiles([root]), root, "Kd 1 0 0\nmap_Kd ../textures/red.png")
+    (root / "link.obj").symlink_to(root / "t.obj")
+    for name in (f"{root}/t.obj", f"file://{root}/t.obj", f"{root}/link.obj", f"{root}/t.vtp"):
         (part,) = anywhere.load(name)
         assert part.material.base_color_texture is not None
     assert anywhere.read(str(root / "t.mtl")).startswith(b"newmtl")
@@ -153,17 +148,6 @@ def test_meshes_in_any_folder_refer_to_known_formats_only(root: Path, anywhere: 
     assert part.material.base_color == (1, 1, 1, 1)
 
 
-def test_a_file_that_one_sender_loads_is_not_open_to_others(root: Path) -> None:
-    """Each has a cache of its own: a texture outside of the roots is not shown to all."""
-    write(root.parent / "secret.png", png((9, 9, 9)))
-    write(root / "t.mtl", "newmtl m\nmap_Kd ../secret.png\n")
-    write(root / "t.obj", "mtllib t.mtl\nv 0 0 0\nv 1 0 0\nv 0 2 0\nvt 0 0\nusemtl m\nf 1/1 2/1 3/1\n")
-    (local,) = MeshFiles([root], any_folder=True).load("t.obj")
-    (others,) = MeshFiles([root]).load("t.obj")
-    assert local.material.base_color_texture is not None
-    assert others.material.base_color_texture is None
-
-
 def test_huge_files_in_any_folder_are_not_read(root: Path) -> None:
     with write(root / "huge.stl", "").open("r+b") as file:
         file.truncate(1 << 40)
@@ -205,33 +189,26 @@ def test_damaged_files_are_errors(root: Path, files: MeshFiles, extension: str, 
     assert "\n" not in str(caught.value)
 
 
-def test_faces_beyond_the_vertices_are_errors(root: Path, files: MeshFiles) -> None:
-    write(root / "bad.obj", "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 9\n")
-    with pytest.raises(MeshFileError):
-        files.load("bad.obj")
-
-
-def test_files_beyond_the_limits_are_refused(root: Path) -> None:
-    write(root / "t.obj", TRIANGLE)
-    name = (root / "t.obj").as_uri()  # the message has the client's name, not the file's alone
-    with pytest.raises(MeshFileError, match=f"^'{name}' is larger than the 10 bytes"):
-        MeshFiles([root], MeshFileLimits(max_bytes=10)).load(name)
-    with pytest.raises(MeshFileError, match="more than 2 vertices"):
-        MeshFiles([root], MeshFileLimits(gltf=GltfLimits(max_vertices=2))).load("t.obj")
-
-
-def test_a_file_of_exactly_the_limit_is_read(root: Path) -> None:
-    write(root / "t.obj", TRIANGLE)
-    size = len(TRIANGLE)
-    for limits in (MeshFileLimits(max_bytes=size), MeshFileLimits(max_total_bytes=size)):
-        assert MeshFiles([root], limits).load("t.obj")
-    for limits in (MeshFileLimits(max_bytes=size - 1), MeshFileLimits(max_total_bytes=size - 1)):
-        with pytest.raises(MeshFileError, match=f"larger than the {size - 1} bytes that are left to it"):
-            MeshFiles([root], limits).load("t.obj")
-    content = GltfLimits(max_vertices=3, max_elements=1)
-    assert MeshFiles([root], MeshFileLimits(gltf=content)).load("t.obj")
-    with pytest.raises(MeshFileError, match="more than 3 vertices or 0 triangles"):
-        MeshFiles([root], MeshFileLimits(gltf=GltfLimits(max_vertices=3, max_elements=0))).load("t.obj")
+@pytest.mark.parametrize(
+    ("limits", "message"),
+    [
+        (MeshFileLimits(max_bytes=len(TRIANGLE)), None),
+        (MeshFileLimits(max_total_bytes=len(TRIANGLE)), None),
+        (MeshFileLimits(max_bytes=len(TRIANGLE) - 1), f"is larger than the {len(TRIANGLE) - 1} bytes that are left"),
+        (MeshFileLimits(max_total_bytes=10), "is larger than the 10 bytes that are left to it"),
+        (MeshFileLimits(gltf=GltfLimits(max_vertices=3, max_elements=1)), None),
+        (MeshFileLimits(gltf=GltfLimits(max_vertices=2)), "more than 2 vertices"),
+        (MeshFileLimits(gltf=GltfLimits(max_vertices=3, max_elements=0)), "more than 3 vertices or 0 triangles"),
+    ],
+)
+def test_files_beyond_the_limits_are_refused(root: Path, limits: MeshFileLimits, message: str | None) -> None:
+    name = write(root / "t.obj", TRIANGLE).as_uri()  # the message has the client's name, not the file's alone
+    files = MeshFiles([root], limits)
+    if message is None:
+        assert files.load(name)
+        return
+    with pytest.raises(MeshFileError, match=f"^'{name}'.* {message}"):
+        files.load(name)
 
 
 def test_the_files_that_a_mesh_refers_to_share_the_limit(root: Path) -> None:

@@ -1,16 +1,17 @@
 """Names of mesh files, and their cache."""
 
 from pathlib import Path
+from unittest.mock import Mock
 
 import numpy as np
 import pytest
 
 from gateway.files.assets.mesh_files import MeshFileError, MeshFiles
 from gateway.scene.tree import transforms as tf
-from gateway.scene.tree.geometry import PointCloud, Surface
+from gateway.scene.tree.geometry import PointCloud
 from renderers.cache import CacheBudget
 from scenegate.robots.ros_packages import MAX_DEPTH, RESCAN_SECONDS, Packages
-from tests.files.assets.mesh_files.files import CUBE, CUBE_MTL, TRIANGLE, write
+from tests.files.assets.mesh_files.files import CUBE, CUBE_MTL, RGB, TRIANGLE, mesh_of, ply, write
 
 
 def test_absolute_relative_and_file_names(root: Path, files: MeshFiles) -> None:
@@ -25,13 +26,6 @@ def test_absolute_relative_and_file_names(root: Path, files: MeshFiles) -> None:
         "./sub dir/../sub dir/t.obj",
     ):
         assert files.load(name)
-
-
-@pytest.mark.parametrize("scale", [(2.0, 1.0, 1.0), (1.0, 2.0, 1.0), (1.0, 1.0, 2.0)])
-def test_a_mesh_is_scaled_along_one_axis(root: Path, files: MeshFiles, scale: tuple[float, float, float]) -> None:
-    write(root / "t.obj", TRIANGLE)
-    (part,), (unscaled,) = files.load("t.obj", scale), files.load("t.obj")
-    assert (part.X_node_part == np.diag((*scale, 1.0)) @ unscaled.X_node_part).all()
 
 
 def test_packages_are_found_by_the_name_in_their_manifest(root: Path, files: MeshFiles) -> None:
@@ -52,21 +46,17 @@ def test_relative_names_need_a_folder() -> None:
 
 
 def test_unknown_packages_do_not_start_a_search_each(root: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    now = [0.0]
+    now = [5.0]
     packages = Packages((root,), clock=lambda: now[0])
-    scans: list[Packages] = []
-    real = Packages.scan
-
-    def counted(self: Packages) -> dict[str, Path]:
-        scans.append(self)
-        return real(self)
-
-    monkeypatch.setattr(Packages, "scan", counted)
+    scan = Mock(wraps=packages.scan)
+    monkeypatch.setattr(packages, "scan", scan)
     for _ in range(50):
-        assert packages.folder("missing") is None
-    assert len(scans) == 1
+        assert packages.folder("late") is None
     write(root / "late" / "package.xml", "<name>late</name>")
-    now[0] = 60.0
+    now[0] += RESCAN_SECONDS - 0.001
+    assert packages.folder("late") is None
+    assert scan.call_count == 1
+    now[0] += 0.001
     assert packages.folder("late") == root / "late"
 
 
@@ -79,22 +69,10 @@ def test_siblings_of_a_known_format_replace_unknown_ones(root: Path, files: Mesh
     assert not caught.value.missing
 
 
-def test_missing_files_say_so(files: MeshFiles) -> None:
-    with pytest.raises(MeshFileError, match=r"'nothing\.obj': there is no such file") as caught:
-        files.load("nothing.obj")
-    assert caught.value.missing
-
-
 def test_a_link_within_the_roots_is_followed(root: Path, files: MeshFiles) -> None:
     write(root / "real" / "t.obj", TRIANGLE)
     (root / "alias.obj").symlink_to(root / "real" / "t.obj")
     assert files.load("alias.obj")
-
-
-@pytest.mark.parametrize("name", ["", "a\0b.obj", "x" * 5000 + ".obj"])
-def test_rejects_invalid_file_names(files: MeshFiles, name: str) -> None:
-    with pytest.raises(MeshFileError, match="is not a file name"):
-        files.load(name)
 
 
 def test_names_that_the_system_refuses(files: MeshFiles) -> None:
@@ -128,16 +106,6 @@ def test_cache_is_limited_in_bytes(root: Path) -> None:
     assert files.cache.nbytes == 2 * size
     assert files.load("3.obj")[0].shape is kept[3]
     assert files.load("0.obj")[0].shape is not kept[0]
-
-
-@pytest.mark.parametrize(("seconds", "found"), [(RESCAN_SECONDS - 0.001, False), (RESCAN_SECONDS, True)])
-def test_packages_are_searched_again_after_ten_seconds(root: Path, seconds: float, found: bool) -> None:
-    now = [5.0]
-    packages = Packages((root,), clock=lambda: now[0])
-    assert packages.folder("late") is None
-    write(root / "late" / "package.xml", "<name>late</name>")
-    now[0] += seconds
-    assert (packages.folder("late") is not None) == found
 
 
 def test_known_packages_start_no_search(root: Path) -> None:
@@ -182,11 +150,19 @@ def test_manifests_without_a_usable_name_are_no_packages(root: Path, manifest: s
     assert Packages((root,)).scan() == {}
 
 
-@pytest.mark.parametrize(("length", "message"), [(4096, "there is no such file"), (4097, "is not a file name")])
-def test_names_have_at_most_4096_characters(files: MeshFiles, length: int, message: str) -> None:
-    name = ("x/" * 2048)[: length - 4] + ".obj"
-    with pytest.raises(MeshFileError, match=message):
+@pytest.mark.parametrize(
+    "name", ["", "a\0b.obj", "x" * 4093 + ".obj", "x/" * 2046 + "x.obj"], ids=["empty", "zero", "one name", "path"]
+)
+def test_rejects_invalid_file_names(files: MeshFiles, name: str) -> None:
+    with pytest.raises(MeshFileError, match="is not a file name"):
         files.load(name)
+
+
+@pytest.mark.parametrize("name", ["nothing.obj", "x/" * 2046 + ".obj"], ids=["short", "4096 characters"])
+def test_missing_files_say_so(files: MeshFiles, name: str) -> None:
+    with pytest.raises(MeshFileError, match="': there is no such file") as caught:
+        files.load(name)
+    assert caught.value.missing
 
 
 @pytest.mark.parametrize(("length", "shortened"), [(120, False), (121, True)])
@@ -200,9 +176,7 @@ def test_long_names_are_shortened_in_messages(files: MeshFiles, length: int, sho
 
 def test_the_size_of_a_loaded_file_is_that_of_its_arrays(root: Path) -> None:
     """And a kilobyte for each part."""
-    head = "ply\nformat ascii 1.0\nelement vertex 2\nproperty float x\nproperty float y\nproperty float z\n"
-    colors = "property uchar red\nproperty uchar green\nproperty uchar blue\n"
-    write(root / "p.ply", f"{head}{colors}end_header\n0 0 0 1 2 3\n1 0 0 4 5 6\n")
+    write(root / "p.ply", ply(2, "0 0 0 1 2 3\n1 0 0 4 5 6\n", *RGB))
     files = MeshFiles([root])
     (part,) = files.load("p.ply")
     assert isinstance(part.shape, PointCloud)
@@ -211,5 +185,4 @@ def test_the_size_of_a_loaded_file_is_that_of_its_arrays(root: Path) -> None:
     assert files.cache.nbytes == expected
     write(root / "t.obj", TRIANGLE)
     (part,) = files.load("t.obj")
-    assert isinstance(part.shape, Surface)
-    assert files.cache.nbytes == expected + 1024 + part.shape.mesh.nbytes
+    assert files.cache.nbytes == expected + 1024 + mesh_of(part).nbytes
