@@ -54,12 +54,26 @@ class Builder:
             },
         )
 
+    def points(self, view: int | None, count: int = 3, **more: Any) -> int:
+        """An accessor of positions in a view, or of zeros."""
+        place = {} if view is None else {"bufferView": view}
+        return self.add("accessors", {"componentType": 5126, "count": count, "type": "VEC3", **place, **more})
+
     def mesh(self, *primitives: dict[str, Any]) -> int:
         return self.add("meshes", {"primitives": list(primitives)})
 
     def triangle(self, **more: Any) -> int:
         """A mesh of one triangle without indices."""
         return self.mesh({"attributes": {"POSITION": self.accessor(TRIANGLE)}, **more})
+
+    def draw(self, positions: ArrayLike | int = TRIANGLE, indices: ArrayLike | None = None, **more: Any) -> "Builder":
+        """Add a node that draws a primitive, whose attributes are upper-case: values, or numbers of accessors."""
+        given = {"POSITION": positions} | {name: more.pop(name) for name in [*more] if name.isupper()}
+        attributes = {name: v if isinstance(v, int) else self.accessor(v) for name, v in given.items()}
+        if indices is not None:
+            more["indices"] = self.accessor(indices, "I" if np.max(indices) > 255 else "B")
+        self.node(mesh=self.mesh({"attributes": attributes, **more}))
+        return self
 
     def node(self, **values: Any) -> int:
         return self.add("nodes", values)
@@ -101,11 +115,14 @@ def mesh_of(part: Part) -> Mesh:
     return part.shape.mesh
 
 
-def only_mesh(primitive: dict[str, Any], builder: Builder) -> Mesh:
-    """The one mesh of a document with one node and the primitive."""
-    builder.node(mesh=builder.mesh(primitive))
-    (mesh,) = meshes(builder.read())
+def only_mesh(scene: GltfScene) -> Mesh:
+    (mesh,) = meshes(scene)
     return mesh
+
+
+def drawn(positions: ArrayLike = TRIANGLE, indices: ArrayLike | None = None, **more: Any) -> Mesh:
+    """The mesh of a document that draws it once."""
+    return only_mesh(Builder().draw(positions, indices, **more).read())
 
 
 def corners(mesh: Mesh) -> NDArray[np.float32]:

@@ -4,33 +4,23 @@ import numpy as np
 import pytest
 
 from gateway.files.gltf import GltfError, GltfLimits
-from tests.files.gltf.builder import COMPONENT, TRIANGLE, Builder, meshes, only_mesh
+from tests.files.gltf.builder import COMPONENT, TRIANGLE, Builder, drawn, meshes, only_mesh
 
 
 @pytest.mark.parametrize("dtype", ["B", "H", "I"])
 def test_indices_of_every_type(dtype: str) -> None:
     b = Builder()
     positions = np.arange(12, dtype=np.float32).reshape(4, 3)
-    mesh = only_mesh(
-        {"attributes": {"POSITION": b.accessor(positions)}, "indices": b.accessor([0, 1, 2, 2, 1, 3], dtype)}, b
-    )
+    b.draw(positions)
+    b.json["meshes"][0]["primitives"][0]["indices"] = b.accessor([0, 1, 2, 2, 1, 3], dtype)
+    mesh = only_mesh(b.read())
     assert mesh.elements.dtype == np.uint32
     assert mesh.elements.tolist() == [[0, 1, 2], [2, 1, 3]]
     assert (mesh.positions == positions).all()
 
 
 def test_arrays_are_read_only_contiguous_and_aligned() -> None:
-    b = Builder()
-    mesh = only_mesh(
-        {
-            "attributes": {
-                "POSITION": b.accessor(TRIANGLE),
-                "NORMAL": b.accessor(TRIANGLE),
-                "TEXCOORD_0": b.accessor(TRIANGLE[:, :2]),
-            }
-        },
-        b,
-    )
+    mesh = drawn(NORMAL=TRIANGLE, TEXCOORD_0=TRIANGLE[:, :2])
     for array in (mesh.positions, mesh.elements, mesh.normals, mesh.uv0):
         assert array.flags.c_contiguous
         assert array.flags.aligned
@@ -48,17 +38,15 @@ def test_arrays_are_read_only_contiguous_and_aligned() -> None:
 )
 def test_normalized_integers(dtype: str, stored: list[int], expected: list[float]) -> None:
     b = Builder()
-    uv = np.column_stack([stored, stored])
-    mesh = only_mesh(
-        {"attributes": {"POSITION": b.accessor(TRIANGLE), "TEXCOORD_0": b.accessor(uv, dtype, normalized=True)}}, b
-    )
+    uv = b.accessor(np.column_stack([stored, stored]), dtype, normalized=True)
+    mesh = only_mesh(b.draw(TEXCOORD_0=uv).read())
     np.testing.assert_allclose(mesh.uv0[:, 0], expected, atol=1e-7)
 
 
 @pytest.mark.parametrize("dtype", ["b", "B", "h", "H", "f", "d"])
 def test_quantised_positions(dtype: str) -> None:
     b = Builder()
-    mesh = only_mesh({"attributes": {"POSITION": b.accessor([(0, 0, 0), (100, 0, 0), (0, 100, 3)], dtype)}}, b)
+    mesh = only_mesh(b.draw(b.accessor([(0, 0, 0), (100, 0, 0), (0, 100, 3)], dtype)).read())
     assert mesh.positions.dtype == np.float32
     assert mesh.positions.tolist() == [[0, 0, 0], [100, 0, 0], [0, 100, 3]]
 
@@ -68,13 +56,9 @@ def test_interleaved() -> None:
     record = np.zeros(3, dtype=[("p", "<f4", 3), ("n", "<f4", 3), ("uv", "<u2", 2)])
     record["p"], record["n"], record["uv"] = TRIANGLE, (0, 0, 1), [(0, 0), (65535, 0), (0, 65535)]
     view = b.view(record.tobytes(), byteStride=28)
-    common = {"bufferView": view, "count": 3}
-    p = b.add("accessors", {**common, "componentType": 5126, "type": "VEC3"})
-    n = b.add("accessors", {**common, "componentType": 5126, "type": "VEC3", "byteOffset": 12})
-    uv = b.add("accessors", {**common, "componentType": 5123, "type": "VEC2", "byteOffset": 24, "normalized": True})
-    mesh = only_mesh({"attributes": {"POSITION": p, "NORMAL": n, "TEXCOORD_0": uv}}, b)
+    uv = b.points(view, componentType=5123, type="VEC2", byteOffset=24, normalized=True)
+    mesh = only_mesh(b.draw(b.points(view), NORMAL=b.points(view, byteOffset=12), TEXCOORD_0=uv).read())
     assert (mesh.positions == TRIANGLE).all()
-    assert mesh.normals is not None
     assert (mesh.normals == (0, 0, 1)).all()
     assert mesh.uv0.tolist() == [[0, 0], [1, 0], [0, 1]]
 
@@ -83,79 +67,69 @@ def test_unaligned_data_is_copied() -> None:
     b = Builder()
     data = b"\x01" + TRIANGLE.tobytes()
     view = b.add("bufferViews", {"buffer": b.buffer(data), "byteOffset": 1, "byteLength": 36})
-    p = b.add("accessors", {"bufferView": view, "componentType": 5126, "count": 3, "type": "VEC3"})
-    mesh = only_mesh({"attributes": {"POSITION": p}}, b)
+    mesh = only_mesh(b.draw(b.points(view)).read())
     assert mesh.positions.flags.aligned
     assert (mesh.positions == TRIANGLE).all()
 
 
-def sparse(b: Builder, *, base: int | None, indices: list[int], values: Any, dtype: str = "H") -> int:
-    accessor: dict[str, Any] = {"componentType": 5126, "count": 4, "type": "VEC3"}
-    if base is not None:
-        accessor["bufferView"] = base
-    accessor["sparse"] = {
+def sparse(b: Builder, indices: list[int], values: Any, *, base: bool = True, dtype: str = "H", count: int = 4) -> int:
+    """The numbers from 0 on, or zeros, of which some positions are replaced."""
+    rows = b.view(np.arange(3 * count, dtype=np.float32).tobytes()) if base else None
+    given = {
         "count": len(indices),
         "indices": {"bufferView": b.view(np.array(indices, dtype).tobytes()), "componentType": COMPONENT[dtype]},
         "values": {"bufferView": b.view(np.array(values, np.float32).tobytes())},
     }
-    return b.add("accessors", accessor)
+    return b.points(rows, count, sparse=given)
 
 
 @pytest.mark.parametrize("dtype", ["B", "H", "I"])
 def test_sparse_replaces_some_values(dtype: str) -> None:
     b = Builder()
-    base = np.arange(12, dtype=np.float32).reshape(4, 3)
-    p = sparse(b, base=b.view(base.tobytes()), indices=[1, 3], values=[(9, 9, 9), (8, 8, 8)], dtype=dtype)
-    mesh = only_mesh({"attributes": {"POSITION": p}, "indices": b.accessor([0, 1, 3], "B")}, b)
+    p = sparse(b, [1, 3], [(9, 9, 9), (8, 8, 8)], dtype=dtype)
+    mesh = only_mesh(b.draw(p, [0, 1, 3]).read())
     assert mesh.positions.tolist() == [[0, 1, 2], [9, 9, 9], [6, 7, 8], [8, 8, 8]]
 
 
 def test_sparse_without_a_base_starts_from_zeros() -> None:
     b = Builder()
-    p = sparse(b, base=None, indices=[1, 2], values=[(1, 0, 0), (0, 1, 0)])
-    mesh = only_mesh({"attributes": {"POSITION": p}, "indices": b.accessor([0, 1, 2], "B")}, b)
+    mesh = only_mesh(b.draw(sparse(b, [1, 2], [(1, 0, 0), (0, 1, 0)], base=False), [0, 1, 2]).read())
     assert mesh.positions[:3].tolist() == TRIANGLE.tolist()
 
 
 def test_sparse_of_a_narrowed_range() -> None:
     """Only the range of vertices that is used is kept: sparse indices count from the accessor's start."""
     b = Builder()
-    base = np.arange(12, dtype=np.float32).reshape(4, 3)
-    p = sparse(b, base=b.view(base.tobytes()), indices=[0, 3], values=[(7, 7, 7), (8, 8, 8)])
-    mesh = only_mesh({"attributes": {"POSITION": p}, "indices": b.accessor([2, 3], "B"), "mode": 1}, b)
+    mesh = only_mesh(b.draw(sparse(b, [0, 3], [(7, 7, 7), (8, 8, 8)]), [2, 3], mode=1).read())
     assert mesh.positions.tolist() == [[6, 7, 8], [8, 8, 8]]
     assert mesh.elements.tolist() == [[0, 1]]
 
 
 def test_invalid_sparse_parts_are_errors_except_from_drakes_merge() -> None:
-    def build(generator: str) -> Builder:
-        b = Builder(generator)
-        p = sparse(b, base=b.view(np.zeros(12, "f").tobytes()), indices=[4], values=[(1, 1, 1)])
-        b.node(mesh=b.mesh({"attributes": {"POSITION": p}, "indices": b.accessor([0, 1, 3], "B")}))
-        return b
+    """The indices must be below the count."""
 
-    with pytest.raises(GltfError, match=r"sparse\.indices: 4 .*\(4 "):
-        build("other").read()
-    scene = build("Drake glTF merger").read()
+    def build(index: int, generator: str = "other") -> Builder:
+        b = Builder(generator)
+        return b.draw(sparse(b, [index], [(1, 1, 1)], base=False, count=3))
+
+    assert meshes(build(2).read())[0].positions.tolist() == [[0, 0, 0], [0, 0, 0], [1, 1, 1]]
+    with pytest.raises(GltfError, match=r"sparse\.indices: 3 .*\(3 "):
+        build(3).read()
+    scene = build(3, "Drake glTF merger").read()
     assert not meshes(scene)[0].positions.any()
     assert "accessors[0].sparse.indices" in scene.warnings[0]
 
 
 def test_accessor_without_view_is_zeros() -> None:
     b = Builder()
-    uv = b.add("accessors", {"componentType": 5126, "count": 3, "type": "VEC2"})
-    mesh = only_mesh({"attributes": {"POSITION": b.accessor(TRIANGLE), "TEXCOORD_0": uv}}, b)
+    mesh = only_mesh(b.draw(TEXCOORD_0=b.points(None, type="VEC2")).read())
     assert mesh.uv0.tolist() == [[0, 0]] * 3
 
 
-def broken(change: Any) -> Builder:
+def broken(change: Any, indices: Any = (0, 1, 2)) -> Builder:
     b = Builder()
-    b.node(
-        mesh=b.mesh(
-            {"attributes": {"POSITION": b.accessor(TRIANGLE)}, "indices": b.accessor([0, 1, 2], "H"), "material": 0}
-        )
-    )
-    b.add("materials", {})
+    primitive = {"attributes": {"POSITION": b.accessor(TRIANGLE)}, "indices": b.accessor(indices, "H")}
+    b.node(mesh=b.mesh(primitive | {"material": b.add("materials", {})}))
     change(b.json)
     return b
 
@@ -210,33 +184,24 @@ def test_valid_document_is_read() -> None:
 
 
 def test_index_out_of_range_names_accessor_and_primitive() -> None:
-    b = Builder()
-    p, i = b.accessor(TRIANGLE), b.accessor([0, 1, 3], "H")
-    b.node(mesh=b.mesh({"attributes": {"POSITION": p}, "indices": i}))
     expected = (
         r"meshes\[0\]\.primitives\[0\]\.indices: accessors\[1\] has the index 3, but accessors\[0\] has 3 vertices"
     )
     with pytest.raises(GltfError, match=expected):
-        b.read()
+        broken(lambda d: None, indices=(0, 1, 3)).read()
 
 
 def test_large_counts_without_a_buffer_are_refused_before_allocation() -> None:
     b = Builder()
-    p = b.add("accessors", {"componentType": 5126, "count": 50_000_000, "type": "VEC3"})
-    b.node(mesh=b.mesh({"attributes": {"POSITION": p}}))
     with pytest.raises(GltfError, match="max_vertices = 20000000"):
-        b.read()
+        b.draw(b.points(None, 50_000_000)).read()
 
 
 def test_many_meshes_of_one_buffer_are_limited() -> None:
     b = Builder()
     view = b.view(np.zeros(3000, np.float32).tobytes())
     for offset in range(50):
-        p = b.add(
-            "accessors",
-            {"bufferView": view, "componentType": 5126, "count": 900, "type": "VEC3", "byteOffset": 4 * offset},
-        )
-        b.node(mesh=b.mesh({"attributes": {"POSITION": p}}))
+        b.draw(b.points(view, 900, byteOffset=4 * offset))
     assert len(meshes(b.read())) == 50
     with pytest.raises(GltfError, match=r"meshes\[10\]\..* max_vertices = 9000"):
         b.read(limits=GltfLimits(max_vertices=9000))
@@ -251,9 +216,7 @@ def test_accessors_may_end_where_their_view_ends_and_views_where_their_buffer_en
     data = np.vstack((np.ones((1, 3)), TRIANGLE)).astype(np.float32).tobytes()
     buffer = b.buffer(b"\1" * 4 + data)
     view = b.add("bufferViews", {"buffer": buffer, "byteOffset": 4, "byteLength": len(data)})
-    p = b.add("accessors", {"bufferView": view, "byteOffset": 12, "componentType": 5126, "count": 3, "type": "VEC3"})
-    b.node(mesh=b.mesh({"attributes": {"POSITION": p}}))
-    (mesh,) = meshes(b.read())
+    mesh = only_mesh(b.draw(b.points(view, byteOffset=12)).read())
     assert mesh.positions.tolist() == TRIANGLE.tolist()
     b.json["bufferViews"][view]["byteLength"] += 1
     with pytest.raises(GltfError, match=r"bufferViews\[0\]: .*4 \.\. 53 .*\(52 "):
@@ -269,39 +232,18 @@ def test_strides_are_at_least_a_value_and_at_most_252_bytes(stride: int, allowed
     rows = np.zeros((3, stride), np.uint8)
     rows[:, :8] = np.ascontiguousarray(TRIANGLE[:, :2]).view(np.uint8).reshape(3, 8)
     view = b.view(rows.tobytes() + bytes(12), byteStride=stride)
-    p = b.add("accessors", {"bufferView": view, "componentType": 5126, "count": 3, "type": "VEC3"})
-    b.node(mesh=b.mesh({"attributes": {"POSITION": p}}))
+    b.draw(b.points(view))
     if allowed:
-        (mesh,) = meshes(b.read())
-        assert mesh.positions.tolist() == TRIANGLE.tolist()
+        assert only_mesh(b.read()).positions.tolist() == TRIANGLE.tolist()
     else:
         with pytest.raises(GltfError, match=rf"byteStride: {stride} is not between 12 and 252"):
             b.read()
-
-
-def test_sparse_indices_are_below_the_count() -> None:
-    def document(index: int) -> Builder:
-        b = Builder()
-        sparse = {
-            "count": 1,
-            "indices": {"bufferView": b.view(bytes((index,))), "componentType": 5121},
-            "values": {"bufferView": b.view(np.full(3, 7, np.float32).tobytes())},
-        }
-        p = b.add("accessors", {"componentType": 5126, "count": 3, "type": "VEC3", "sparse": sparse})
-        b.node(mesh=b.mesh({"attributes": {"POSITION": p}}))
-        return b
-
-    (mesh,) = meshes(document(2).read())
-    assert mesh.positions.tolist() == [[0, 0, 0], [0, 0, 0], [7, 7, 7]]
-    with pytest.raises(GltfError, match=r"sparse\.indices: 3 .*\(3 "):
-        document(3).read()
 
 
 @pytest.mark.parametrize("value", [-1e13, 3e38, -3e38])
 def test_float64_values_that_fit_float32_are_kept_and_others_are_not_finite(value: float) -> None:
     b = Builder()
     p = b.accessor([(0, 0, 0), (0, value, 0), (1, 0, 0), (0, 0, 0), (0, 1, 0), (0, 0, 10 * value)], "d")
-    b.node(mesh=b.mesh({"attributes": {"POSITION": p}}))
-    (mesh,) = meshes(b.read())
+    mesh = only_mesh(b.draw(p).read())
     assert mesh.positions[1].tolist() == [0, np.float32(value), 0]
     assert len(mesh.elements) == (2 if value == -1e13 else 1)

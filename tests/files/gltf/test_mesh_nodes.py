@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from gateway.files.gltf import GltfCache, GltfError, GltfLimits
+from gateway.files.gltf import GltfCache, GltfError, GltfLimits, GltfScene
 from tests.files.gltf.builder import Builder, mesh_of, meshes, parts, read_file, world_triangles
 
 STRIP = np.array([(x, y, 0.0) for y in range(4) for x in range(2)], np.float32)
@@ -68,14 +68,20 @@ def bent(joints: Any = JOINTS, weights: Any = WEIGHTS, positions: Any = STRIP) -
     return np.array(result)
 
 
-def test_a_skin_bends_its_mesh() -> None:
-    (triangles,) = world_triangles(skinned().read())
-    assert np.abs(triangles - bent()[QUADS.reshape(-1, 3)]).max() < 1e-5
+def assert_drawn(scene: GltfScene, vertices: Any) -> None:
+    """The strip is the only mesh, and its vertices are there."""
+    (triangles,) = world_triangles(scene)
+    np.testing.assert_allclose(triangles, vertices[QUADS.reshape(-1, 3)], rtol=0, atol=1e-5)
 
 
-def test_the_transform_of_the_node_does_not_apply() -> None:
-    (triangles,) = world_triangles(skinned(translation=[7, 8, 9], scale=[0, 0, 0]).read())
-    assert np.abs(triangles - bent()[QUADS.reshape(-1, 3)]).max() < 1e-5
+def attributes(b: Builder) -> dict[str, Any]:
+    found: dict[str, Any] = b.json["meshes"][0]["primitives"][0]["attributes"]
+    return found
+
+
+@pytest.mark.parametrize("node", [{}, {"translation": [7, 8, 9], "scale": [0, 0, 0]}])
+def test_a_skin_bends_its_mesh_and_the_transform_of_its_node_does_not_apply(node: dict[str, Any]) -> None:
+    assert_drawn(skinned(**node).read(), bent())
 
 
 def test_directions_follow_the_joints_at_unit_length() -> None:
@@ -88,33 +94,26 @@ def test_directions_follow_the_joints_at_unit_length() -> None:
 
 def test_weights_are_normalized() -> None:
     b = skinned()
-    weights = WEIGHTS * np.arange(1, 9)[:, None]
-    b.json["meshes"][0]["primitives"][0]["attributes"]["WEIGHTS_0"] = b.accessor(weights)
-    (triangles,) = world_triangles(b.read())
-    assert np.abs(triangles - bent()[QUADS.reshape(-1, 3)]).max() < 1e-5
+    attributes(b)["WEIGHTS_0"] = b.accessor(WEIGHTS * np.arange(1, 9)[:, None])
+    assert_drawn(b.read(), bent())
 
 
 def test_vertices_without_weights_follow_their_first_joint() -> None:
     b = skinned()
-    b.json["meshes"][0]["primitives"][0]["attributes"]["WEIGHTS_0"] = b.accessor(np.zeros((8, 4)))
+    attributes(b)["WEIGHTS_0"] = b.accessor(np.zeros((8, 4)))
     scene = b.read()
-    (triangles,) = world_triangles(scene)
     sentence = "meshes[0].primitives[0]: 8 of 8 vertices have no weights, they follow their first joint"
     assert scene.warnings == (sentence,)
-    expected = bent(weights=np.tile([1.0, 0, 0, 0], (8, 1)))
-    assert np.abs(triangles - expected[QUADS.reshape(-1, 3)]).max() < 1e-5
+    assert_drawn(scene, bent(weights=np.tile([1.0, 0, 0, 0], (8, 1))))
 
 
 def test_eight_joints_a_vertex() -> None:
     b = skinned()
-    attributes = b.json["meshes"][0]["primitives"][0]["attributes"]
-    attributes["WEIGHTS_0"] = b.accessor(WEIGHTS * 0.75)
-    attributes["JOINTS_1"] = b.accessor(np.full((8, 4), 2), "H")
-    attributes["WEIGHTS_1"] = b.accessor(np.tile([0, 0, 51, 13], (8, 1)), "B", normalized=True)
-    (triangles,) = world_triangles(b.read())
+    attributes(b)["WEIGHTS_0"] = b.accessor(WEIGHTS * 0.75)
+    attributes(b)["JOINTS_1"] = b.accessor(np.full((8, 4), 2), "H")
+    attributes(b)["WEIGHTS_1"] = b.accessor(np.tile([0, 0, 51, 13], (8, 1)), "B", normalized=True)
     weights = np.hstack((WEIGHTS * 0.75, np.tile([0, 0, 51 / 255, 13 / 255], (8, 1))))
-    expected = bent(np.hstack((JOINTS, np.full((8, 4), 2))), weights)
-    assert np.abs(triangles - expected[QUADS.reshape(-1, 3)]).max() < 1e-5
+    assert_drawn(b.read(), bent(np.hstack((JOINTS, np.full((8, 4), 2))), weights))
 
 
 def test_a_skin_without_inverse_bind_matrices_and_a_primitive_without_joints() -> None:
@@ -122,11 +121,9 @@ def test_a_skin_without_inverse_bind_matrices_and_a_primitive_without_joints() -
     del b.json["skins"][0]["inverseBindMatrices"]
     b.json["nodes"][1] = {"translation": [1, 2, 3]}
     b.json["nodes"][0]["skin"] = b.add("skins", {"joints": [1]})
-    attributes = b.json["meshes"][0]["primitives"][0]["attributes"]
-    attributes["JOINTS_0"] = b.accessor(np.zeros((8, 4)), "B")
+    attributes(b)["JOINTS_0"] = b.accessor(np.zeros((8, 4)), "B")
     b.json["scenes"] = [{"nodes": [0, 1]}]
-    (triangles,) = world_triangles(b.read())
-    assert np.abs(triangles - (STRIP + np.array((1, 2, 3)))[QUADS.reshape(-1, 3)]).max() < 1e-6
+    assert_drawn(b.read(), STRIP + np.array((1, 2, 3)))
 
 
 def test_far_from_the_origin_bends_are_exact() -> None:
@@ -193,20 +190,18 @@ def skinned_with_matrices() -> Builder:
 
 def test_a_morphed_skin() -> None:
     b = skinned(weights=[2.0])
-    primitive = b.json["meshes"][0]["primitives"][0]
     up = b.accessor(np.tile([0.0, 0.0, 0.5], (8, 1)))
-    primitive["targets"] = [{"POSITION": up, "JOINTS_0": 0, "WEIGHTS_0": 0}]  # joints cannot be morphed
-    (triangles,) = world_triangles(b.read())
-    assert np.abs(triangles - bent(positions=STRIP + np.array((0, 0, 1)))[QUADS.reshape(-1, 3)]).max() < 1e-5
+    targets = [{"POSITION": up, "JOINTS_0": 0, "WEIGHTS_0": 0}]  # joints cannot be morphed
+    b.json["meshes"][0]["primitives"][0]["targets"] = targets
+    assert_drawn(b.read(), bent(positions=STRIP + np.array((0, 0, 1))))
 
 
 def test_more_joints_than_supported() -> None:
     b = skinned()
-    attributes = b.json["meshes"][0]["primitives"][0]["attributes"]
-    for n in range(1, 4):
-        attributes |= {f"JOINTS_{n}": attributes["JOINTS_0"], f"WEIGHTS_{n}": attributes["WEIGHTS_0"]}
-    assert b.read().warnings == ()
-    attributes |= {"JOINTS_4": attributes["JOINTS_0"], "WEIGHTS_4": attributes["WEIGHTS_0"]}
+    given = attributes(b)
+    for n in range(1, 5):
+        assert b.read().warnings == ()
+        given |= {f"JOINTS_{n}": given["JOINTS_0"], f"WEIGHTS_{n}": given["WEIGHTS_0"]}
     with pytest.raises(GltfError, match=r"JOINTS_4: .* 16 "):
         b.read()
 
@@ -231,15 +226,9 @@ def morphed(weights: Any, mesh_weights: Any = None) -> Builder:
     b = Builder()
     up = {"POSITION": b.accessor(np.tile([0.0, 0, 1], (8, 1))), "NORMAL": b.accessor(np.tile([1.0, 0, -1], (8, 1)))}
     wide = {"POSITION": b.accessor(STRIP * (1, 0, 0)), "TEXCOORD_0": None, "TANGENT": 0, "COLOR_0": 77, "JOINTS_0": 0}
-    primitive = {
-        "attributes": {"POSITION": b.accessor(STRIP), "NORMAL": b.accessor(np.tile([0.0, 0, 1], (8, 1)))},
-        "indices": b.accessor(QUADS, "H"),
-        "targets": [up, wide],
-    }
-    mesh = b.mesh(primitive)
-    if mesh_weights is not None:
-        b.json["meshes"][mesh]["weights"] = mesh_weights
-    b.node(mesh=mesh, translation=[0, 0, 5], **({} if weights is None else {"weights": weights}))
+    b.draw(STRIP, QUADS, NORMAL=np.tile([0.0, 0, 1], (8, 1)), targets=[up, wide])
+    b.json["nodes"][0] |= {"translation": [0, 0, 5], "weights": weights}
+    b.json["meshes"][0]["weights"] = mesh_weights
     return b
 
 
@@ -257,9 +246,7 @@ def morphed(weights: Any, mesh_weights: Any = None) -> Builder:
 )
 def test_morph_targets(weights: Any, mesh_weights: Any, up: float, wide: float) -> None:
     scene = morphed(weights, mesh_weights).read()
-    (triangles,) = world_triangles(scene)
-    expected = STRIP + (0, 0, 5 + up) + STRIP * (wide, 0, 0)
-    assert np.allclose(triangles, expected[QUADS.reshape(-1, 3)], atol=1e-6)
+    assert_drawn(scene, STRIP + (0, 0, 5 + up) + STRIP * (wide, 0, 0))
     (mesh,) = meshes(scene)
     normal = np.array((up, 0, 1 - up))
     assert np.allclose(mesh.normals, normal / np.linalg.norm(normal), atol=1e-6)
