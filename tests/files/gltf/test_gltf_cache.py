@@ -1,22 +1,23 @@
 """Meshes and images that documents share through a cache."""
 
 import threading
+from functools import partial
 
-import cv2
 import numpy as np
 import pytest
 
 from gateway.files.gltf import GltfCache, GltfError, GltfLimits, GltfScene, read_gltf
 from renderers.cache import CacheBudget
 from renderers.drawlist import Image, Mesh
-from tests.files.gltf.builder import Builder, data_uri, meshes, parts
+from tests.files.gltf.builder import Builder, meshes, parts
+from tests.files.gltf.test_material_reader import png, with_texture
 
 
-def scene(seed: int = 0, vertices: int = 300) -> bytes:
+def scene(*seeds: int, vertices: int = 300, indexed: bool = True) -> bytes:
+    """A document that draws a mesh for each seed."""
     b = Builder()
-    rng = np.random.default_rng(seed)
-    p = b.accessor(rng.random((vertices, 3)))
-    b.node(mesh=b.mesh({"attributes": {"POSITION": p}, "indices": b.accessor(np.arange(vertices), "I")}))
+    for seed in seeds or (0,):
+        b.draw(np.random.default_rng(seed).random((vertices, 3)), np.arange(vertices) if indexed else None)
     return b.text()
 
 
@@ -40,23 +41,17 @@ def test_documents_share_meshes_of_equal_content() -> None:
 
 
 def test_documents_share_images_of_equal_content() -> None:
-    def document(shade: int, roughness: float) -> bytes:
-        b = Builder()
-        png = cv2.imencode(".png", np.full((4, 4, 3), shade, np.uint8))[1].tobytes()
-        b.add("images", {"uri": data_uri(png, "image/png")})
-        b.add("textures", {"source": 0})
+    def image(shade: int, roughness: float) -> Image:
+        b = with_texture(png((shade, shade, shade)))
         pbr = {"baseColorTexture": {"index": 0}, "roughnessFactor": roughness}
-        b.node(mesh=b.triangle(material=b.add("materials", {"pbrMetallicRoughness": pbr})))
-        return b.text()
-
-    def image(data: bytes, cache: GltfCache) -> Image:
-        ((_, part),) = parts(read_parts(data, cache))
+        b.draw(material=b.add("materials", {"pbrMetallicRoughness": pbr}))
+        ((_, part),) = parts(read_parts(b.text(), cache))
         return part.material.base_color_texture.image
 
     cache = GltfCache()
-    first = image(document(10, 0.5), cache)
-    assert image(document(10, 0.25), cache) is first
-    assert image(document(11, 0.5), cache) is not first
+    first = image(10, 0.5)
+    assert image(10, 0.25) is first
+    assert image(11, 0.5) is not first
 
 
 def test_meshes_own_their_arrays() -> None:
@@ -87,17 +82,7 @@ def test_least_recently_used_meshes_are_dropped_beyond_the_limit() -> None:
 
 @pytest.mark.parametrize("indexed", [True, False])
 def test_limits_count_known_and_new_meshes_together(indexed: bool) -> None:
-    def document(*seeds: int) -> bytes:
-        b = Builder()
-        for seed in seeds:
-            primitive: dict[str, object] = {
-                "attributes": {"POSITION": b.accessor(np.random.default_rng(seed).random((300, 3)))}
-            }
-            if indexed:
-                primitive["indices"] = b.accessor(np.arange(300), "I")
-            b.node(mesh=b.mesh(primitive))
-        return b.text()
-
+    document = partial(scene, indexed=indexed)
     exact = 2 * (300 * 72 + 100 * 12)
     for limits in (
         GltfLimits(max_vertices=599),
@@ -120,7 +105,7 @@ def test_meshes_with_warnings_are_not_shared() -> None:
     b = Builder()
     positions = np.zeros((6, 3))
     positions[5] = np.nan
-    b.node(mesh=b.mesh({"attributes": {"POSITION": b.accessor(positions)}}))
+    b.draw(positions)
     cache = GltfCache()
     first, second = read_parts(b.text(), cache), read_parts(b.text(), cache)
     assert len(first.warnings) == len(second.warnings) == 1
@@ -129,7 +114,7 @@ def test_meshes_with_warnings_are_not_shared() -> None:
 
 def test_threads_share_one_cache() -> None:
     cache = GltfCache()
-    texts = [scene(seed, 30) for seed in range(5)]
+    texts = [scene(seed, vertices=30) for seed in range(5)]
     found: list[tuple[int, Mesh]] = []
     barrier = threading.Barrier(8)
 
