@@ -2,14 +2,13 @@
 
 import json
 from collections.abc import Callable
-from typing import Any
 
-import cv2
 import numpy as np
 import pytest
 
 from gateway.files.gltf import GltfError, GltfLimits, read_gltf
-from tests.files.gltf.builder import Builder, data_uri
+from tests.files.gltf.builder import Builder, only_mesh
+from tests.files.gltf.test_material_reader import png, with_texture
 
 
 def triangles(count: int = 3) -> Builder:
@@ -40,18 +39,16 @@ def primitives(count: int) -> Builder:
 def separate_triangles(count: int) -> Builder:
     b = Builder()
     for z in range(count):
-        b.node(mesh=b.mesh({"attributes": {"POSITION": b.accessor(np.eye(3) + z)}}))
+        b.draw(np.eye(3) + z)
     return b
 
 
 def images(*sizes: tuple[int, int]) -> Builder:
     """A texture for each (height, width)."""
-    b = Builder()
-    for index, size in enumerate(sizes):
-        png = cv2.imencode(".png", np.full((*size, 3), index, np.uint8))[1].tobytes()
-        b.add("textures", {"source": b.add("images", {"uri": data_uri(png, "image/png")})})
+    b = with_texture(*(png((index, 0, 0), size) for index, size in enumerate(sizes)))
+    for index in range(len(sizes)):
         material = {"pbrMetallicRoughness": {"baseColorTexture": {"index": index}}}
-        b.node(mesh=b.triangle(material=b.add("materials", material)))
+        b.draw(material=b.add("materials", material))
     return b
 
 
@@ -95,47 +92,27 @@ def test_the_limits_of_the_json_text() -> None:
         read_gltf(text, limits=GltfLimits(max_json_values=values - 1))
 
 
-def test_lights_beyond_the_limit_are_left_out() -> None:
-    name = "KHR_lights_punctual"
-    nodes = [{"extensions": {name: {"light": 0}}}] * 3
-    document = {"extensions": {name: {"lights": [{"type": "point"}]}}, "nodes": nodes}
-    for limit, warnings in ((3, 0), (2, 1)):
-        scene = read_gltf(json.dumps(document).encode(), limits=GltfLimits(max_lights=limit))
-        assert (len(scene.lights), len(scene.warnings)) == (limit, warnings)
-
-
-@pytest.mark.parametrize(("size", "positions"), [(1, 255), (2, 300)])
-def test_an_index_beyond_the_vertices_is_refused_and_the_one_below_is_read(size: int, positions: int) -> None:
-    for index in (positions, positions - 1):
-        b = Builder()
-        p = b.accessor(np.random.default_rng(0).random((positions, 3)))
-        indices = b.accessor([0, 1, index], {1: "B", 2: "H"}[size])
-        b.node(mesh=b.mesh({"attributes": {"POSITION": p}, "indices": indices}))
-        if index == positions:
-            with pytest.raises(GltfError, match=rf"the index {index}, but accessors\[0\] has {positions} vertices"):
-                b.read()
-        else:
-            b.read()
+@pytest.mark.parametrize("count", [255, 300])
+def test_an_index_beyond_the_vertices_is_refused_and_the_one_below_is_read(count: int) -> None:
+    positions = np.random.default_rng(0).random((count, 3))
+    Builder().draw(positions, [0, 1, count - 1]).read()
+    path = r"meshes\[0\]\.primitives\[0\]\.indices: accessors\[1\]"
+    with pytest.raises(GltfError, match=rf"{path} has the index {count}, but accessors\[0\] has {count} vertices"):
+        Builder().draw(positions, [0, 1, count]).read()
 
 
 @pytest.mark.parametrize("value", [-1e13, 1e38])
 def test_large_positions_are_kept(value: float) -> None:
-    b = Builder()
-    b.node(mesh=b.mesh({"attributes": {"POSITION": b.accessor([(0, value, 0), (1, 0, 0), (0, 0, value)])}}))
-    scene = b.read()
+    scene = Builder().draw([(0, value, 0), (1, 0, 0), (0, 0, value)]).read()
     assert scene.warnings == ()
-    (part,) = scene.parts[0] or ()
-    shape: Any = part.shape
-    assert shape.mesh.positions[0, 1] == np.float32(value)
+    assert only_mesh(scene).positions[0, 1] == np.float32(value)
 
 
 @pytest.mark.parametrize("axis", range(3))
 @pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf])
 def test_positions_that_are_not_finite_drop_their_triangles(axis: int, value: float) -> None:
-    b = Builder()
     positions = np.vstack((np.eye(3), 2 * np.eye(3)))
     positions[4, axis] = value
-    b.node(mesh=b.mesh({"attributes": {"POSITION": b.accessor(positions)}}))
-    scene = b.read()
+    scene = Builder().draw(positions).read()
     assert scene.element_count == 1
     assert scene.warnings == ("meshes[0].primitives[0]: 1 elements with vertices that are not finite are left out",)

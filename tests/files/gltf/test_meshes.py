@@ -3,7 +3,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from gateway.files.gltf import GltfCache, GltfLimits
+from gateway.files.gltf import GltfCache
 from gateway.files.gltf.gltf_errors import GltfError
 from gateway.files.gltf.topology import element_count, separate_elements
 from renderers.cache import CacheBudget
@@ -258,21 +258,6 @@ def test_another_layout_of_the_same_bytes_is_another_mesh() -> None:
     x, y, z = meshes(b.read())
     assert x is z
     assert x is not y
-
-
-def test_instances_and_their_elements_are_limited() -> None:
-    b = Builder()
-    mesh = b.triangle()
-    for _ in range(10):
-        b.node(mesh=mesh)
-    scene = b.read()
-    assert (scene.instance_count, scene.element_count) == (10, 10)
-    with pytest.raises(GltfError, match="max_instances = 9"):
-        b.read(limits=GltfLimits(max_instances=9))
-    with pytest.raises(GltfError, match="max_drawn_elements = 9"):
-        b.read(limits=GltfLimits(max_drawn_elements=9))
-    with pytest.raises(GltfError, match="max_nodes = 9"):
-        b.read(limits=GltfLimits(max_nodes=9))
 
 
 def test_a_small_file_with_many_instances_is_refused_by_default() -> None:

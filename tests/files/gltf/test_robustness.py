@@ -297,38 +297,25 @@ def test_a_wrong_property_of_a_material_leaves_the_others(change: dict[str, Any]
     assert found.endswith(f"{warning}; it is ignored")
 
 
+COLOR = "meshes[0].primitives[0].attributes.COLOR_0"
+DEFAULT = "; meshes[0].primitives[0] has the default material"
+
+
 @pytest.mark.parametrize(
-    ("index", "material", "warning"),
+    ("changes", "warning"),
     [
-        (3, {}, "meshes[0].primitives[0].material: 3 is out of range (1 materials)"),
-        (-1, {}, "meshes[0].primitives[0].material: -1 is out of range (1 materials)"),
-        (0, "red", 'materials[0]: expected an object, got "red"'),
+        ({"material": 3}, f"meshes[0].primitives[0].material: 3 is out of range (1 materials){DEFAULT}"),
+        ({"material": -1}, f"meshes[0].primitives[0].material: -1 is out of range (1 materials){DEFAULT}"),
+        ({"material": 0}, f'materials[0]: expected an object, got "red"{DEFAULT}'),
+        ({"COLOR_0": 7}, f"{COLOR}: 7 is out of range (1 accessors); {COLOR} is ignored"),
+        ({"camera": 2}, "nodes[0].camera: 2 is out of range (0 cameras); the node has no camera"),
     ],
 )
-def test_a_material_that_cannot_be_read_leaves_the_mesh(index: int, material: Any, warning: str) -> None:
+def test_a_reference_that_cannot_be_followed_leaves_the_mesh(changes: dict[str, Any], warning: str) -> None:
     b = Builder()
-    b.node(mesh=b.triangle(material=index))
-    b.json["materials"] = [material]
-    scene = b.read()
-    assert scene.instance_count == 1
-    assert scene.warnings[0].startswith(warning)
-    assert scene.warnings[0].endswith("; meshes[0].primitives[0] has the default material")
-
-
-def test_a_camera_that_does_not_exist_leaves_the_scene() -> None:
-    b = Builder()
-    b.node(mesh=b.triangle())
-    b.node(camera=2)
+    b.json["materials"] = ["red"]
+    b.draw(**{name: value for name, value in changes.items() if name != "camera"})
+    b.json["nodes"][0]["camera"] = changes.get("camera")
     scene = b.read()
     assert (scene.instance_count, scene.cameras) == (1, ())
-    assert scene.warnings == ("nodes[1].camera: 2 is out of range (0 cameras); the node has no camera",)
-
-
-def test_an_attribute_that_cannot_be_read_is_ignored() -> None:
-    b = Builder()
-    b.node(mesh=b.triangle())
-    b.json["meshes"][0]["primitives"][0]["attributes"]["COLOR_0"] = 7
-    scene = b.read()
-    assert scene.instance_count == 1
-    path = "meshes[0].primitives[0].attributes.COLOR_0"
-    assert scene.warnings == (f"{path}: 7 is out of range (1 accessors); {path} is ignored",)
+    assert scene.warnings == (warning,)

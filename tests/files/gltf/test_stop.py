@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from gateway.files.gltf import GltfCache, GltfLimits, read_gltf
-from renderers.stop import StopFlag, current_stop
+from renderers.stop import StopFlag
 from tests.files.gltf.builder import mesh_of
 
 Document = dict[str, Any]
@@ -169,7 +169,3 @@ def test_many_siblings_of_one_name_are_fast() -> None:
     assert len(names) == len(set(names)) == count
     assert names[:4] == ["x", "x#2", "x#3", "x#4"]
     assert names[-2:] == ["x#3#2", f"x#{count - 1}"]
-
-
-def test_default_stop_flag_is_not_set() -> None:
-    assert not current_stop().is_set
