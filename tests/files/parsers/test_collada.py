@@ -1,35 +1,20 @@
 """COLLADA files with what pycollada leaves to its callers, or passes over."""
 
-import io
-
 import numpy as np
 import pytest
-from PIL import Image
 
 from gateway.files.parsers.mesh import read_mesh
 from gateway.files.parsers.mesh_data import MeshData, Shape
-from tests.files.assets.mesh_files.files import DAE
+from tests.files.assets.mesh_files.files import DAE, png, source
 from tests.files.parsers.test_mesh import LIMITS
 
 TRIANGLES = DAE[DAE.index("<triangles") : DAE.index("</mesh>")]
 INPUT = '<input semantic="VERTEX" source="#v" offset="0"/>'
-COLORS = (
-    '<source id="c"><float_array id="ca" count="3">1 0 0.2</float_array><technique_common><accessor source="#ca" '
-    'count="1" stride="3"><param name="R" type="float"/><param name="G" type="float"/><param name="B" type="float"/>'
-    "</accessor></technique_common></source>"
-)
+COLORS = source("c", "1 0 0.2", "RGB")
 COLORED = (
     f'<triangles material="s" count="1">{INPUT}<input semantic="COLOR" source="#c" offset="1"/>'
     "<p>0 0 1 0 2 0</p></triangles>"
 )
-
-
-def coordinates(name: str, u: float) -> str:
-    return (
-        f'<source id="{name}"><float_array id="{name}a" count="2">{u} 0</float_array><technique_common><accessor '
-        f'source="#{name}a" count="1" stride="2"><param name="S" type="float"/><param name="T" type="float"/>'
-        "</accessor></technique_common></source>"
-    )
 
 
 def document(primitives: str, *, sources: str = "", shader: str = "", library: str = "", binding: str = "") -> str:
@@ -55,9 +40,7 @@ def document(primitives: str, *, sources: str = "", shader: str = "", library: s
 
 def read(data: str) -> tuple[Shape, MeshData]:
     """Return the only shape, and the content; every file is a white PNG image."""
-    file = io.BytesIO()
-    Image.new("RGB", (1, 1), (255, 255, 255)).save(file, "PNG")
-    result = read_mesh(lambda _: file.getvalue(), data.encode(), "dae", LIMITS)
+    result = read_mesh(lambda _: png((255, 255, 255)), data.encode(), "dae", LIMITS)
     assert isinstance(result, MeshData), result
     (shape,) = result.shapes
     return shape, result
@@ -103,7 +86,7 @@ def test_bind_vertex_input_names_the_texture_coordinates(name: str, u: float, ur
     bind = '<bind_vertex_input semantic="{}" input_semantic="TEXCOORD" input_set="{}"/>'
     data = document(
         triangles,
-        sources=coordinates("t0", 0.25) + coordinates("t1", 0.75),
+        sources=source("t0", "0.25 0", "ST") + source("t1", "0.75 0", "ST"),
         shader=f'<phong><diffuse><texture texture="a" texcoord="{name}"/></diffuse></phong>',
         library=library,
         binding=bind.format("first", 3) + bind.format("second", 4),

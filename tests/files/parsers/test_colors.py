@@ -177,21 +177,19 @@ def test_colors_of_obj_vertices(full: float, library: str, faces: str) -> None:
     check_vertices(*colors_of(f"{text}vt 0 0\nvt 1 0\nvt 1 1\n{faces}", "obj"))
 
 
-def test_the_material_of_an_obj_file_multiplies_its_colors() -> None:
+def read_obj(text: str, files: dict[str, str]) -> MeshData:
+    result = read_mesh(lambda name: files[name].encode(), text.encode(), "obj", LIMITS)
+    assert isinstance(result, MeshData)
+    return result
+
+
+@pytest.mark.parametrize(("statement", "shade"), [("Kd 0.5 0.5 0.5", 128 / 255), ("illum 1", 1.0)])
+def test_the_material_of_an_obj_file_multiplies_its_colors(statement: str, shade: float) -> None:
+    """Without Kd it is white, as in VTK and three.js; Assimp writes it beside colours of vertices."""
     text = "mtllib m.mtl\nusemtl m\nv 0 0 0 1 0 0\nv 1 0 0 0 1 0\nv 0 1 0 0 0 1\nf 1 2 3\n"
-    result = read_mesh(lambda name: b"newmtl m\nKd 0.5 0.5 0.5\n", text.encode(), "obj", LIMITS)
-    assert isinstance(result, MeshData)
-    (shape,) = result.shapes
-    assert shape.color == pytest.approx((128 / 255, 128 / 255, 128 / 255, 1), abs=1 / 255)
+    (shape,) = read_obj(text, {"m.mtl": f"newmtl m\n{statement}\n"}).shapes
+    assert shape.color == pytest.approx((shade, shade, shade, 1), abs=1 / 255)
     assert np.frombuffer(shape.colors or b"", np.uint8).reshape(-1, 4)[:, :3].tolist() == (255 * np.eye(3)).tolist()
-
-
-def test_a_material_without_kd_is_white() -> None:
-    """As in VTK and three.js; Assimp writes it beside colours of vertices."""
-    text = "mtllib m.mtl\nusemtl m\nv 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n"
-    result = read_mesh(lambda name: b"newmtl m\nillum 1\n", text.encode(), "obj", LIMITS)
-    assert isinstance(result, MeshData)
-    assert [shape.color for shape in result.shapes] == [(1.0, 1.0, 1.0, 1.0)]
 
 
 @pytest.mark.parametrize(
@@ -206,8 +204,7 @@ def test_materials_of_several_mtl_files(libraries: str, kd: str) -> None:
     files = {"other.mtl": "newmtl gray\nKd 0.4\n", "m.mtl": f"newmtl m # first\r\n{kd}\r\n"}
     files["my m.mtl"] = files["other.mtl"] + files["m.mtl"]
     text = f"{libraries}v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nusemtl m\nf 1 2 3\nusemtl gray\nf 1 2 4\n"
-    result = read_mesh(lambda name: files[name].encode(), text.encode(), "obj", LIMITS)
-    assert isinstance(result, MeshData)
+    result = read_obj(text, files)
     colors = sorted(shape.color for shape in result.shapes if shape.color)
     assert colors == [pytest.approx((0.4, 0.4, 0.4, 1)), pytest.approx((1, 0.2, 0, 1))]
     assert result.warnings == []

@@ -15,6 +15,7 @@ from gateway.files.parsers.mesh import read_mesh
 from gateway.files.parsers.mesh_data import MeshData, MeshOptions
 from renderers.stop import StopFlag
 from tests.files.assets.mesh_files.files import DAE
+from tests.files.assets.mesh_files.files import ply as ascii_ply
 
 LIMITS = {name: getattr(MESH_LIMITS, name) for name in MeshOptions.__struct_fields__ if name.startswith("max_")}
 PLAIN = DAE.format(asset="")
@@ -112,18 +113,29 @@ def test_damaged_collada(data: str, reason: str) -> None:
     assert reason in fault(data)
 
 
-def test_broken_faces_of_obj_files_are_left_out() -> None:
-    vertices = "v 0 0 0\nv 1 0 0\nv 0 1 0\nvt 0 0\n"
-    faces = "f 1 2 3\nf 1/1 2/1 3/1 # all\nf 1 2 9\nf a b c\nf 1 2\nf 1/2 2/1 3/1\nf 1 2 0\nf -1 -2 -3\n"
-    read = content(vertices + faces, "obj")
-    assert sum(len(shape.triangles or b"") for shape in read.shapes) == 3 * 12
-    assert read.warnings == ["5 of 8 faces are left out, such as 'f 1 2 9' in line 7"]
+CORNER_LINES = "v 0 0 0\nv 1 0 0\nv 0 1 0\n"
+
+
+@pytest.mark.parametrize(
+    ("faces", "read_count", "warning"),
+    [
+        (
+            "vt 0 0\nf 1 2 3\nf 1/1 2/1 3/1 # all\nf 1 2 9\nf a b c\nf 1 2\nf 1/2 2/1 3/1\nf 1 2 0\nf -1 -2 -3\n",
+            3,
+            "5 of 8 faces are left out, such as 'f 1 2 9' in line 7",
+        ),
+        ("f -3 -2 \\\n-1\nf -6 -2 -1\n", 1, "1 of 2 faces are left out, such as 'f -6 -2 -1' in line 6"),
+    ],
+)
+def test_broken_faces_of_obj_files_are_left_out(faces: str, read_count: int, warning: str) -> None:
+    read = content(CORNER_LINES + faces, "obj")
+    assert sum(len(shape.triangles or b"") for shape in read.shapes) == read_count * 12
+    assert read.warnings == [warning]
 
 
 def test_broken_faces_of_ply_files_are_left_out() -> None:
-    header = "ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\nproperty float z\n"
-    body = "element face 2\nproperty list uchar int vertex_indices\nend_header\n0 0 0\n1 0 0\n0 1 0\n3 0 1 2\n3 0 1 9\n"
-    read = content((header + body).replace("ascii 1.0", "ascii 1.0 "), "ply")
+    data = ascii_ply(3, "0 0 0\n1 0 0\n0 1 0\n3 0 1 2\n3 0 1 9\n", faces=2)
+    read = content(data.replace("ascii 1.0", "ascii 1.0 "), "ply")
     (shape,) = read.shapes
     assert len(shape.triangles or b"") == 12
     assert read.warnings == ["1 of 2 triangles refer to vertices that do not exist (9 of 3)"]
@@ -256,39 +268,29 @@ def test_comments_of_ply_files_need_not_be_utf_8() -> None:
     ) == pytest.approx(1.0)
 
 
-def test_strips_of_binary_ply_files_are_triangles() -> None:
-    body = struct.pack("<B3iB5i", 3, 0, 1, 4, 5, 0, 1, 3, 2, -1)
-    (shape,) = content(binary("element tristrips 2", INDICES, body=body), "ply").shapes
-    triangles = np.frombuffer(shape.triangles or b"", np.uint32).reshape(-1, 3)
-    assert len(triangles) == 3
-    assert area(binary("element tristrips 2", INDICES, body=body), "ply") == pytest.approx(1.5)
-
-
-def test_strips_of_ply_files_are_triangles() -> None:
-    header = (
-        f"ply\nformat ascii 1.0\n{PLY_POINTS}element tristrips 1\nproperty list int int vertex_indices\nend_header\n"
-    )
-    points = "".join(f"{x} {y} {z}\n" for x, y, z in CORNERS)
-    (shape,) = content(f"{header}{points}8 0 1 3 2 -1 0 1 4\n", "ply").shapes
+@pytest.mark.parametrize("form", ["ascii", "binary", "two of binary"])
+def test_strips_of_ply_files_are_triangles(form: str) -> None:
+    corners = [0, 1, 3, 2, -1, 0, 1, 4]
+    if form == "ascii":
+        strips = "element tristrips 1\nproperty list int int vertex_indices\nend_header\n"
+        points = "".join(f"{x} {y} {z}\n" for x, y, z in CORNERS)
+        data = f"ply\nformat ascii 1.0\n{PLY_POINTS}{strips}{points}8 {' '.join(map(str, corners))}\n".encode()
+    elif form == "binary":
+        data = binary("element tristrips 1", INDICES, body=struct.pack("<B8i", 8, *corners))
+    else:
+        data = binary("element tristrips 2", INDICES, body=struct.pack("<B5iB3i", 5, *corners[:5], 3, *corners[5:]))
+    (shape,) = content(data, "ply").shapes
     triangles = np.frombuffer(shape.triangles or b"", np.uint32).reshape(-1, 3)
     np.testing.assert_array_equal(triangles, [(0, 1, 3), (2, 3, 1), (0, 1, 4)])
 
 
-def test_negative_indices_of_obj_files_count_from_their_line() -> None:
-    first, second = "v 0 0 0\nv 1 0 0\nv 0 1 0\n", "v 0 0 9\nv 2 0 9\nv 0 2 9\n"
-    assert area(f"{first}f -3 -2 -1\n{second}f -3 -2 -1 # the last three\n", "obj") == pytest.approx(0.5 + 2.0)
-
-
-def test_warnings_quote_the_lines_of_obj_files() -> None:
-    vertices = "v 0 0 0\nv 1 0 0\nv 0 1 0\n"
-    read = content(f"{vertices}f -3 -2 \\\n-1\nf -6 -2 -1\n", "obj")
-    assert read.warnings == ["1 of 2 faces are left out, such as 'f -6 -2 -1' in line 6"]
-
-
 @pytest.mark.parametrize("end", ["\n", "\r\n"])
-def test_continued_lines_of_obj_files_keep_their_indices(end: str) -> None:
-    first, second = "v 0 0 0\nv 1 0 0\nv 0 1 0\n", "v 0 0 9\nv 2 0 9\nv 0 2 9\n"
-    data = f"{first}f 1 2 \\\n -1\n{second}f -3 \\\n-2\\\n -1\n".replace("\n", end)
+@pytest.mark.parametrize(
+    ("first", "second"),
+    [("f -3 -2 -1", "f -3 -2 -1 # the last three"), ("f 1 2 \\\n -1", "f -3 \\\n-2\\\n -1")],
+)
+def test_negative_indices_of_obj_files_count_from_their_line(first: str, second: str, end: str) -> None:
+    data = f"{CORNER_LINES}{first}\nv 0 0 9\nv 2 0 9\nv 0 2 9\n{second}\n".replace("\n", end)
     assert area(data, "obj") == pytest.approx(0.5 + 2.0)
 
 

@@ -67,11 +67,6 @@ def test_types_of_binary_numbers(kind: str, code: str) -> None:
     assert parse(data)[0].tolist() == [[0, 0, 0], [100, 0, 0], [0, 7, 0]]
 
 
-def test_polygons() -> None:
-    text = HEAD.replace("UNSTRUCTURED_GRID", "POLYDATA") + POINTS + "POLYGONS 2 9\n4 0 1 4 2\n3 0 1 3\n"
-    assert parse(text)[1].tolist() == [[0, 1, 4], [0, 4, 2], [0, 1, 3]]
-
-
 CUBE = "POINTS 8 float\n0 0 0 1 0 0 1 1 0 0 1 0\n0 0 1 1 0 1 1 1 1 0 1 1\n"
 """Unit cube, its corners in the order of a hexahedron."""
 

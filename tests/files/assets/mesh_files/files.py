@@ -48,6 +48,17 @@ def png(*pixels: tuple[int, int, int]) -> bytes:
     return data.tobytes()
 
 
+def source(name: str, numbers: str, parameters: str) -> str:
+    """A ``<source>`` of COLLADA, of floats whose parameters have names of one letter."""
+    count, stride = len(numbers.split()), len(parameters)
+    names = "".join(f'<param name="{parameter}" type="float"/>' for parameter in parameters)
+    return (
+        f'<source id="{name}"><float_array id="{name}a" count="{count}">{numbers}</float_array><technique_common>'
+        f'<accessor source="#{name}a" count="{count // stride}" stride="{stride}">{names}</accessor></technique_common>'
+        "</source>"
+    )
+
+
 def stl(mesh: Mesh) -> bytes:
     corners = mesh.positions[mesh.elements]
     rows = np.zeros(len(corners), np.dtype([("n", "<3f4"), ("v", "<9f4"), ("a", "<u2")]))
