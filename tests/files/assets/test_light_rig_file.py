@@ -42,9 +42,14 @@ kind = "point"
 """
 
 
+def rig_file(folder: Path, text: str) -> Path:
+    path = folder / "rig.toml"
+    path.write_text(text)
+    return path
+
+
 def test_everything_is_read(tmp_path: Path) -> None:
-    path = tmp_path / "rig.toml"
-    path.write_text(EVERYTHING)
+    path = rig_file(tmp_path, EVERYTHING)
     sky = cv2.imencode(".hdr", np.ones((4, 8, 3), np.float32))[1].tobytes()
     (tmp_path / "sky.hdr").write_bytes(sky)
     rig = read_rig(path)
@@ -61,9 +66,7 @@ def test_everything_is_read(tmp_path: Path) -> None:
 
 
 def test_an_empty_file_has_no_light(tmp_path: Path) -> None:
-    path = tmp_path / "rig.toml"
-    path.write_text("")
-    assert read_rig(path) == Rig(surroundings=None)
+    assert read_rig(rig_file(tmp_path, "")) == Rig(surroundings=None)
 
 
 @pytest.mark.parametrize(
@@ -89,8 +92,7 @@ def test_an_empty_file_has_no_light(tmp_path: Path) -> None:
     ],
 )
 def test_errors_name_file_field_and_value(tmp_path: Path, text: str, message: str) -> None:
-    path = tmp_path / "rig.toml"
-    path.write_text(text)
+    path = rig_file(tmp_path, text)
     with pytest.raises(RigFileError) as error:
         read_rig(path)
     assert message in str(error.value)
@@ -125,11 +127,8 @@ def test_an_environment_map_is_a_rig(tmp_path: Path) -> None:
 
 
 def test_lights_of_a_scene_are_metered_unless_the_file_has_an_exposure(tmp_path: Path) -> None:
-    path = tmp_path / "rig.toml"
-    path.write_text("shadow_size = 0")
-    assert read_rig(path).auto_exposure
-    path.write_text("exposure = 1.0")
-    assert not read_rig(path).auto_exposure
+    assert read_rig(rig_file(tmp_path, "shadow_size = 0")).auto_exposure
+    assert not read_rig(rig_file(tmp_path, "exposure = 1.0")).auto_exposure
 
 
 def test_a_missing_file_is_an_error(tmp_path: Path) -> None:
@@ -159,8 +158,7 @@ def test_a_missing_file_is_an_error(tmp_path: Path) -> None:
     ],
 )
 def test_values_at_their_limits(tmp_path: Path, text: str, allowed: bool) -> None:
-    path = tmp_path / "rig.toml"
-    path.write_text(text)
+    path = rig_file(tmp_path, text)
     if allowed:
         assert isinstance(read_rig(path), Rig)
     else:
@@ -169,16 +167,14 @@ def test_values_at_their_limits(tmp_path: Path, text: str, allowed: bool) -> Non
 
 
 def test_directions_have_unit_length(tmp_path: Path) -> None:
-    path = tmp_path / "rig.toml"
-    path.write_text("[[lights]]\nkind = 'directional'\ndirection = [2, -3, 6]")
+    path = rig_file(tmp_path, "[[lights]]\nkind = 'directional'\ndirection = [2, -3, 6]")
     (light,) = read_rig(path).lights
     assert light.direction == (2 / 7, -3 / 7, 6 / 7)
 
 
 def test_without_a_path_the_default_rig_is_used(tmp_path: Path) -> None:
     assert rig_of(None) is STUDIO
-    path = tmp_path / "rig.toml"
-    path.write_text("shadow_radius = 3")
+    path = rig_file(tmp_path, "shadow_radius = 3")
     with capture_logs() as log:
         assert rig_of(path) == Rig(surroundings=None, shadow_radius=3)
         assert rig_of(path).is_dark

@@ -2,16 +2,13 @@
 
 import json
 import math
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
-from gateway.files.assets.scene_file import read_scene_file
 from gateway.files.gltf import GltfLimits, read_gltf
 from gateway.files.gltf.lights import MAX_RANGE
-from gateway.scene.draw.flatten import flatten
 from renderers.drawlist import Light, LightKind
 
 HALF = math.sqrt(0.5)
@@ -92,15 +89,6 @@ def test_limit() -> None:
     scene = read_gltf(document({"type": "point"}, nodes=carriers), limits=GltfLimits(max_lights=2))
     assert len(scene.lights) == 2
     assert scene.warnings == ("nodes[2]: more lights than max_lights = 2, further ones are left out",)
-
-
-def test_lights_of_files_are_rotated_to_z_up(tmp_path: Path) -> None:
-    node = {"translation": [1, 2, 3], "extensions": {"KHR_lights_punctual": {"light": 0}}}
-    path = tmp_path / "lamp.gltf"
-    path.write_bytes(document({"type": "directional"}, nodes=[node]))
-    (light,) = flatten(read_scene_file(path).root).lights
-    np.testing.assert_allclose(light.position, (1, -3, 2), atol=1e-12)
-    np.testing.assert_allclose(light.direction, (0, 1, 0), atol=1e-12)
 
 
 @pytest.mark.parametrize(

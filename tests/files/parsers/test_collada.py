@@ -38,6 +38,9 @@ def document(primitives: str, *, sources: str = "", shader: str = "", library: s
     )
 
 
+PAINTED = TRIANGLES.replace("<triangles", '<triangles material="s"')
+
+
 def read(data: str) -> tuple[Shape, MeshData]:
     """Return the only shape, and the content; every file is a white PNG image."""
     result = read_mesh(lambda _: png((255, 255, 255)), data.encode(), "dae", LIMITS)
@@ -122,6 +125,12 @@ def test_colours_of_vertices_beside_a_white_effect(shader: str, is_colored: bool
     ],
 )
 def test_emission(shader: str, color: tuple[float, ...]) -> None:
-    triangles = TRIANGLES.replace("<triangles", '<triangles material="s"')
-    shape, _ = read(document(triangles, shader=shader))
+    shape, _ = read(document(PAINTED, shader=shader))
     assert (shape.color, shape.emission) == (color, (0.0, 1.0, 0.0))
+
+
+@pytest.mark.parametrize("image", ["", '<image id="i"><init_from/></image>'])
+def test_a_mesh_with_a_broken_material_is_drawn(image: str) -> None:
+    texture = '<phong><diffuse><texture texture="i" texcoord="t"/></diffuse></phong>'
+    data = document(PAINTED, shader=texture)
+    assert read(data.replace('<image id="i"><init_from> {} </init_from></image>', image))

@@ -294,26 +294,6 @@ def test_negative_indices_of_obj_files_count_from_their_line(first: str, second:
     assert area(data, "obj") == pytest.approx(0.5 + 2.0)
 
 
-def with_material(image: str) -> str:
-    """Return ``PLAIN`` with a material whose texture is this ``<image>``."""
-    texture = '<phong><diffuse><texture texture="i" texcoord="t"/></diffuse></phong>'
-    effect = f'<effect id="e"><profile_COMMON><technique sid="c">{texture}</technique></profile_COMMON></effect>'
-    library = (
-        f"<library_images>{image}</library_images><library_effects>{effect}</library_effects>"
-        '<library_materials><material id="m"><instance_effect url="#e"/></material></library_materials>'
-    )
-    bound = "<bind_material><technique_common><instance_material symbol='s' target='#m'/></technique_common>"
-    geometry = f'<instance_geometry url="#g">{bound}</bind_material></instance_geometry>'
-    return PLAIN.replace('<instance_geometry url="#g"/>', geometry).replace(
-        "<library_geometries>", f"{library}<library_geometries>"
-    )
-
-
-@pytest.mark.parametrize("image", ["", '<image id="i"><init_from/></image>'])
-def test_a_mesh_with_a_broken_material_is_drawn(image: str) -> None:
-    assert len(content(with_material(image)).instances) == 1
-
-
 def test_collada_as_exporters_write_it() -> None:
     """A name of Assimp's exporter, rests after the document, and lights and cameras, which are not used anyway."""
     nodes = '<node id="<STL>"><instance_geometry url="#g"/></node><node><instance_light url="#gone"/></node>'

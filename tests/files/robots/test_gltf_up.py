@@ -7,53 +7,40 @@ import numpy as np
 import pytest
 
 from gateway.files.robots.reader import MAX_LINKS_FOR_NOTE, read_robot
-from gateway.scene.tree.geometry import Surface
 from scenegate.robots.robot_files import RobotFiles
 from tests.files.gltf.builder import Builder
 from tests.files.robots.files import link, write
+from tests.files.robots.test_link_parts import corners
 
 TOWER = np.array([(0, 0, 0), (0.1, 0, 0), (0, 0.1, 0), (0, 0, 3)], np.float32)
 """A tetrahedron that is 3 m high in a file with Z up, and lies in one with Y up."""
 
 
 def robot_with(folder: Path, collision: str) -> Path:
-    document = Builder()
-    faces = np.array([(0, 2, 1), (0, 1, 3), (0, 3, 2), (1, 2, 3)], np.uint16)
-    primitive = {"attributes": {"POSITION": document.accessor(TOWER)}, "indices": document.accessor(faces.ravel(), "H")}
-    document.node(mesh=document.mesh(primitive))
-    (folder / "m.gltf").write_bytes(document.text())
+    faces = [(0, 2, 1), (0, 1, 3), (0, 3, 2), (1, 2, 3)]
+    write(folder, Builder().draw(TOWER, np.ravel(faces)).text(), "m.gltf")
     visual = '<visual><geometry><mesh filename="m.gltf"/></geometry></visual>'
     return write(folder, link(visual + f"<collision><geometry>{collision}</geometry></collision>"))
 
 
 @pytest.mark.parametrize(
-    ("gltf_up", "collision", "height"),
+    ("gltf_up", "collision", "height", "note"),
     [
-        ("y", '<box size="0.1 0.1 6"/>', 0.1),
-        ("z", '<box size="0.1 6 0.1"/>', 3.0),
-        ("auto", '<box size="0.1 0.1 6"/>', 3.0),
-        ("auto", '<box size="0.1 6 0.1"/>', 0.1),
+        ("y", '<box size="0.1 0.1 6"/>', 0.1, "Y up; with --robot-gltf-up z, their bounds are nearer"),
+        ("y", '<box size="0.1 6 0.1"/>', 0.1, None),
+        ("z", '<box size="0.1 6 0.1"/>', 3.0, None),
+        ("auto", '<box size="0.1 0.1 6"/>', 3.0, "Z up: their bounds"),
+        ("auto", '<box size="0.1 6 0.1"/>', 0.1, "Y up: their bounds"),
     ],
 )
-def test_up_axis(tmp_path: Path, gltf_up: Literal["y", "z", "auto"], collision: str, height: float) -> None:
+def test_up_axis(
+    tmp_path: Path, gltf_up: Literal["y", "z", "auto"], collision: str, height: float, note: str | None
+) -> None:
     robot = read_robot(robot_with(tmp_path, collision), gltf_up=gltf_up, strict=True)
     ((part,),) = robot.parts
-    assert isinstance(part.shape, Surface)
-    vertices = part.shape.mesh.positions @ part.X_node_part[:3, :3].T + part.X_node_part[:3, 3]
-    assert np.ptp(vertices[:, 2]) == pytest.approx(height)
-    if gltf_up == "auto":
-        assert robot.notes[0].startswith(f"glTF meshes are taken as {'Z' if height == 3.0 else 'Y'} up: their bounds")
-    elif gltf_up == "y":
-        assert robot.notes[0].startswith(
-            "glTF meshes are taken as Y up; with --robot-gltf-up z, their bounds are nearer"
-        )
-        assert list(robot.digests) == ["robot.urdf", "m.gltf"]
-    else:
-        assert robot.notes == ()
-
-
-def test_without_a_doubt_about_the_up_axis_there_is_no_note(tmp_path: Path) -> None:
-    assert read_robot(robot_with(tmp_path, '<box size="0.1 6 0.1"/>')).notes == ()
+    assert np.ptp(corners(part)[:, 2]) == pytest.approx(height)
+    assert list(robot.digests) == ["robot.urdf", "m.gltf"]
+    assert [text.startswith(f"glTF meshes are taken as {note}") for text in robot.notes] == [True] * (note is not None)
 
 
 def test_the_note_needs_the_collision_meshes_of_a_few_links(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

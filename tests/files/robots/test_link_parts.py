@@ -7,28 +7,17 @@ import pytest
 from PIL import Image
 
 from gateway.files.robots.reader import read_robot
-from gateway.scene.tree.geometry import Part, Surface
+from gateway.scene.tree.geometry import Part
 from renderers.color import linear_from_srgb
 from renderers.encode import png_rgb
 from scenegate.robots.robot_files import RobotFiles
-from tests.files.robots.files import TRIANGLE, visual, write
+from tests.files.assets.mesh_files.files import DAE
+from tests.files.gltf.builder import mesh_of
+from tests.files.parsers.test_collada import PAINTED, document
+from tests.files.robots.files import TRIANGLE, link, visual, write
 
 BLUE = "newmtl blue\nKd 0 0 1\n"
 RED = '<material name="red"><color rgba="1 0 0 1"/></material>'
-DAE = """<COLLADA xmlns="http://www.collada.org/2005/11/COLLADASchema" version="1.4.1">
-<asset><unit meter="0.01"/><up_axis>Y_UP</up_axis></asset>
-<library_geometries><geometry id="g"><mesh>
-<source id="p"><float_array id="f" count="9">0 0 0 1 0 0 0 0 2</float_array>
-<technique_common><accessor source="#f" count="3" stride="3">
-<param name="X" type="float"/><param name="Y" type="float"/><param name="Z" type="float"/></accessor></technique_common>
-</source>
-<vertices id="v"><input semantic="POSITION" source="#p"/></vertices>
-<triangles count="1"><input semantic="VERTEX" source="#v" offset="0"/><p>0 1 2</p></triangles>
-</mesh></geometry></library_geometries>
-<library_visual_scenes><visual_scene id="s"><node><instance_geometry url="#g"/></node></visual_scene>
-</library_visual_scenes><scene><instance_visual_scene url="#s"/></scene></COLLADA>
-"""
-"""A triangle of 1 cm along x and 2 cm along z."""
 
 
 def part_of(folder: Path, mesh: str, name: str, attributes: str = "", material: str = "") -> Part:
@@ -39,8 +28,7 @@ def part_of(folder: Path, mesh: str, name: str, attributes: str = "", material: 
 
 def corners(part: Part) -> np.ndarray:
     """Return the vertices in the link's frame."""
-    assert isinstance(part.shape, Surface)
-    return np.asarray(part.shape.mesh.positions @ part.X_node_part[:3, :3].T + part.X_node_part[:3, 3])
+    return np.asarray(mesh_of(part).positions @ part.X_node_part[:3, :3].T + part.X_node_part[:3, 3])
 
 
 @pytest.mark.parametrize(
@@ -54,8 +42,9 @@ def test_scale(tmp_path: Path, scale: str, size: tuple[float, float, float]) -> 
 
 def test_collada_has_its_unit_but_not_its_up_axis(tmp_path: Path) -> None:
     """As in RViz: exporters write any up axis, and robots are made for software that ignores it."""
-    vertices = corners(part_of(tmp_path, f'\n<?xml version="1.0"?>{DAE}', "m.dae"))
-    np.testing.assert_allclose(sorted(vertices.tolist()), [(0, 0, 0), (0, 0, 0.02), (0.01, 0, 0)], atol=1e-7)
+    asset = '<unit meter="0.01"/><up_axis>Y_UP</up_axis>'
+    vertices = corners(part_of(tmp_path, "\n" + DAE.format(asset=asset), "m.dae"))
+    np.testing.assert_allclose(sorted(vertices.tolist()), [(0, 0, 0.05), (0, 0.02, 0.05), (0.01, 0, 0.05)], atol=1e-7)
 
 
 def test_the_robots_material_is_for_meshes_without_one(tmp_path: Path) -> None:
@@ -91,25 +80,13 @@ def test_a_mesh_that_would_vanish_is_drawn_opaque_with_a_warning(tmp_path: Path)
 )
 def test_opacity_of_collada(tmp_path: Path, transparent: str, opacity: float, warned: bool) -> None:
     lambert = f"<lambert><diffuse><color>0 1 0 1</color></diffuse><transparent {transparent}</transparent></lambert>"
-    effect = f'<effect id="e"><profile_COMMON><technique sid="c">{lambert}</technique></profile_COMMON></effect>'
-    materials = (
-        f'<library_effects>{effect}</library_effects><library_materials><material id="m">'
-        '<instance_effect url="#e"/></material></library_materials><library_geometries>'
-    )
-    bound = (
-        '<instance_geometry url="#g"><bind_material><technique_common><instance_material symbol="m" target="#m"/>'
-        "</technique_common></bind_material></instance_geometry>"
-    )
-    mesh = DAE.replace("<library_geometries>", materials).replace(
-        '<triangles count="1">', '<triangles count="1" material="m">'
-    )
-    part = part_of(tmp_path, mesh.replace('<instance_geometry url="#g"/>', bound), "m.dae")
+    part = part_of(tmp_path, document(PAINTED, shader=lambert), "m.dae")
     assert part.material.base_color == pytest.approx((0, 1, 0, opacity), abs=1e-6)
     assert bool(read_robot(tmp_path / "robot.urdf").warnings) == warned
 
 
 def test_meshes_without_triangles_and_missing_textures_are_warnings(tmp_path: Path) -> None:
-    write(tmp_path, DAE.replace('<instance_geometry url="#g"/>', ""), "empty.dae")
+    write(tmp_path, DAE.format(asset="").replace('<instance_geometry url="#g"/>', ""), "empty.dae")
     texture = '<material name="t"><texture filename="wood.png"/></material>'
     robot = read_robot(write(tmp_path, visual('<mesh filename="empty.dae"/>', texture)))
     assert robot.parts == ((),)
@@ -161,9 +138,9 @@ def test_a_texture_is_read_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch)
         return read(self, path, *limit)
 
     monkeypatch.setattr(RobotFiles, "read", counted)
-    one = visual('<box size="1 1 1"/>', '<material name="t"><texture filename="t.png"/></material>')
-    box = one[one.index("<visual>") : one.index("</link>")]
-    first, second = read_robot(write(tmp_path, one.replace(box, 2 * box))).parts[0]
+    texture = '<material name="t"><texture filename="t.png"/></material>'
+    box = f'<visual><geometry><box size="1 1 1"/></geometry>{texture}</visual>'
+    first, second = read_robot(write(tmp_path, link(box + box))).parts[0]
     assert first.material == second.material
     assert first.material.base_color == (0.0, 0.0, 0.0, 1.0)
     assert names.count("t.png") == 1
@@ -186,6 +163,5 @@ def test_a_broken_mesh_is_left_out_with_a_warning(tmp_path: Path, name: str, con
 def test_a_mesh_is_read_once(tmp_path: Path) -> None:
     write(tmp_path, TRIANGLE, "m.obj")
     one = '<visual><geometry><mesh filename="m.obj"/></geometry></visual>'
-    first, second = read_robot(write(tmp_path, f'<robot name="r"><link name="a">{one}{one}</link></robot>')).parts[0]
-    assert isinstance(first.shape, Surface)
+    first, second = read_robot(write(tmp_path, link(one + one))).parts[0]
     assert first.shape is second.shape

@@ -14,11 +14,11 @@ from gateway.files.gltf.limits import GltfLimits
 from gateway.files.robots.limits import RobotLimits
 from gateway.files.robots.reader import read_robot
 from gateway.files.robots.robot import Robot
-from gateway.scene.tree.geometry import Surface
 from renderers.color import linear_from_srgb
 from renderers.stop import StopFlag
 from scenegate.messages.geometry import Box, Capsule, Cylinder, Ellipsoid, Sphere
 from scenegate.robots.robot_errors import RobotFileError
+from tests.files.gltf.builder import mesh_of
 from tests.files.robots.files import TRIANGLE, write
 
 TETRAHEDRON = "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 3 2\nf 1 2 4\nf 1 4 3\nf 2 3 4\n"
@@ -35,6 +35,15 @@ def mjcf(body: str, rest: str = "") -> str:
 
 def read(folder: Path, content: str, **arguments: Any) -> Robot:
     return read_robot(write(folder, content, "robot.xml"), **arguments)
+
+
+def assert_outward(corners: np.ndarray, directions: np.ndarray) -> None:
+    """The winding of each triangle is that of a normal along its direction."""
+    a, b, c = corners.transpose(1, 0, 2)
+    assert (np.einsum("ij,ij->i", np.cross(b - a, c - a), directions) > 0).all()
+
+
+CHECKER = '<texture name="t" type="2d" builtin="checker" rgb1="1 0 0" rgb2="0 0 1" width="8" height="8"/>'
 
 
 def test_bodies_joints_and_shapes(tmp_path: Path) -> None:
@@ -100,10 +109,9 @@ def test_materials_and_textures(tmp_path: Path) -> None:
     assert pixels[0, 0].tolist() == pytest.approx([51, 102, 153, 255], abs=1)
     assert plane.base_color == (1.0, 1.0, 1.0, 1.0)
     assert plane.roughness == 1.0
-    surface = robot.parts[0][0].shape
-    assert isinstance(surface, Surface)
-    np.testing.assert_allclose(surface.mesh.positions.max(axis=0), (2, 1, 0))
-    np.testing.assert_allclose(np.ptp(surface.mesh.uv0, axis=0), (3, 5))
+    mesh = mesh_of(robot.parts[0][0])
+    np.testing.assert_allclose(mesh.positions.max(axis=0), (2, 1, 0))
+    np.testing.assert_allclose(np.ptp(mesh.uv0, axis=0), (3, 5))
     # without texture coordinates: the mean colour
     assert ball.base_color[2] == pytest.approx(linear_from_srgb(0.6), abs=0.01)
     assert green.base_color == (0.0, 1.0, 0.0, 1.0)
@@ -125,15 +133,11 @@ def test_texture_of_planes(
     tmp_path: Path, size: str, attributes: str, bottom_left: tuple[float, float], top_right: tuple[float, float]
 ) -> None:
     """As MuJoCo 4.0 draws them: upright, from a corner; on infinite planes around the origin, 2 m / texrepeat large."""
-    asset = (
-        '<texture name="t" type="2d" builtin="checker" rgb1="1 0 0" rgb2="0 0 1" width="8" height="8"/>'
-        f'<material name="m" texture="t" {attributes}/>'
-    )
+    asset = f'{CHECKER}<material name="m" texture="t" {attributes}/>'
     robot = read(tmp_path, mjcf(f'<geom type="plane" size="{size}" material="m"/>', f"<asset>{asset}</asset>"))
-    surface = robot.parts[0][0].shape
-    assert isinstance(surface, Surface)
-    order = surface.mesh.positions[:, :2].sum(axis=1).argsort()
-    np.testing.assert_allclose(surface.mesh.uv0[order[[0, -1]]], (bottom_left, top_right), atol=1e-6)
+    mesh = mesh_of(robot.parts[0][0])
+    order = mesh.positions[:, :2].sum(axis=1).argsort()
+    np.testing.assert_allclose(mesh.uv0[order[[0, -1]]], (bottom_left, top_right), atol=1e-6)
 
 
 @pytest.mark.parametrize(("uniform", "repeats"), [("false", (3, 2)), ("true", (1.5, 2))])
@@ -152,11 +156,10 @@ def test_texture_repeats_of_meshes(tmp_path: Path, uniform: str, repeats: tuple[
             f'<material name="m" texture="t" texrepeat="3 2" texuniform="{uniform}"/></asset>',
         ),
     )
-    surface = robot.parts[0][0].shape
-    assert isinstance(surface, Surface)
-    half_lengths = np.sort(np.ptp(surface.mesh.positions, axis=0) / 2)
+    mesh = mesh_of(robot.parts[0][0])
+    half_lengths = np.sort(np.ptp(mesh.positions, axis=0) / 2)
     np.testing.assert_allclose(half_lengths, (0.5, 1, 2), atol=1e-6)
-    np.testing.assert_allclose(np.ptp(surface.mesh.uv0, axis=0), repeats, atol=1e-5)
+    np.testing.assert_allclose(np.ptp(mesh.uv0, axis=0), repeats, atol=1e-5)
 
 
 def test_cube_maps_of_boxes(tmp_path: Path) -> None:
@@ -180,9 +183,8 @@ def test_cube_maps_of_boxes(tmp_path: Path) -> None:
     box, sphere, uniform = robot.parts[0]
     assert sphere.material.base_color_texture is None
     assert uniform.shape == Box((6.0, 4.0, 2.0))
-    assert isinstance(box.shape, Surface)
-    mesh, texture = box.shape.mesh, box.material.base_color_texture
-    pixels = texture.image.decode()
+    mesh = mesh_of(box)
+    pixels = box.material.base_color_texture.image.decode()
     assert pixels.shape == (48, 8, 4)
     axes = np.array([(1, 0, 0), (-1, 0, 0), (0, 1, 0), (0, -1, 0), (0, 0, 1), (0, 0, -1)])
     top_left = np.array([(3, 2, 1), (-3, 2, -1), (-3, 2, -1), (-3, -2, 1), (-3, 2, 1), (3, 2, -1)])
@@ -193,8 +195,7 @@ def test_cube_maps_of_boxes(tmp_path: Path) -> None:
         columns, rows = (mesh.uv0[face] * (8, 48)).astype(int).T
         white = pixels[rows, columns].min(axis=1) == 255
         assert mesh.positions[face][white].tolist() == [corner.tolist()]
-    a, b, c = mesh.positions[mesh.elements].transpose(1, 0, 2)
-    assert (np.einsum("ij,ij->i", np.cross(b - a, c - a), mesh.normals[mesh.elements[:, 0]]) > 0).all()
+    assert_outward(mesh.positions[mesh.elements], mesh.normals[mesh.elements[:, 0]])
 
 
 def test_cube_maps_of_one_image(tmp_path: Path) -> None:
@@ -204,9 +205,7 @@ def test_cube_maps_of_one_image(tmp_path: Path) -> None:
     content = mjcf('<geom type="box" size="3 2 1" material="m"/>', f"<asset>{asset}</asset>")
     part = read(tmp_path, content).parts[0][0]
     assert part.material.base_color_texture is not None
-    assert isinstance(part.shape, Surface)
-    assert part.shape.mesh.uv0 is not None
-    np.testing.assert_allclose(np.unique(part.shape.mesh.uv0), (1 / 16, 15 / 16), atol=1e-6)
+    np.testing.assert_allclose(np.unique(mesh_of(part).uv0), (1 / 16, 15 / 16), atol=1e-6)
     (box,) = read(tmp_path, content, geometry="collision").parts[0]
     assert box.shape == Box((6.0, 4.0, 2.0))
     assert box.material.base_color_texture is None
@@ -214,20 +213,15 @@ def test_cube_maps_of_one_image(tmp_path: Path) -> None:
 
 def test_images_on_boxes(tmp_path: Path) -> None:
     """As MuJoCo 4.0 draws them: the top left corner of the image lies at these corners."""
-    asset = (
-        '<texture name="t" type="2d" builtin="checker" rgb1="1 0 0" rgb2="0 0 1" width="8" height="8"/>'
-        '<material name="m" texture="t" texrepeat="2 3"/>'
-    )
+    asset = f'{CHECKER}<material name="m" texture="t" texrepeat="2 3"/>'
     robot = read(tmp_path, mjcf('<geom type="box" size="3 2 1" material="m"/>', f"<asset>{asset}</asset>"))
     part = robot.parts[0][0]
     assert part.material.base_color_texture is not None
-    assert isinstance(part.shape, Surface)
-    mesh = part.shape.mesh
+    mesh = mesh_of(part)
     np.testing.assert_allclose(mesh.uv0.max(axis=0), (2, 3))
     corners = mesh.positions[(mesh.uv0 == 0).all(axis=1)]
     assert corners.tolist() == [[3, -2, 1], [-3, -2, 1], [-3, 2, 1], [-3, -2, 1], [-3, 2, 1], [-3, 2, -1]]
-    a, b, c = mesh.positions[mesh.elements].transpose(1, 0, 2)
-    assert (np.einsum("ij,ij->i", np.cross(b - a, c - a), mesh.normals[mesh.elements[:, 0]]) > 0).all()
+    assert_outward(mesh.positions[mesh.elements], mesh.normals[mesh.elements[:, 0]])
 
 
 def test_meshes_keep_their_place(tmp_path: Path) -> None:
@@ -241,14 +235,12 @@ def test_meshes_keep_their_place(tmp_path: Path) -> None:
         ),
     )
     ((), (part,)) = robot.parts
-    assert isinstance(part.shape, Surface)
-    mesh, X = part.shape.mesh, part.X_node_part
+    mesh, X = mesh_of(part), part.X_node_part
     vertices = mesh.positions @ X[:3, :3].T + X[:3, 3]
     expected = {(0, 0, 1), (2, 0, 1), (0, 2, 1), (0, 0, 3)}
     assert {tuple(row) for row in np.round(vertices, 5).tolist()} == expected
     corners = vertices[mesh.elements]
-    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    assert (np.einsum("ij,ij->i", normals, corners.mean(axis=1) - (0.5, 0.5, 1.5)) > 0).all()
+    assert_outward(corners, corners.mean(axis=1) - (0.5, 0.5, 1.5))
     assert list(robot.digests) == ["robot.xml", "meshes/t.obj"]
 
 
@@ -353,14 +345,11 @@ def test_height_fields(tmp_path: Path) -> None:
     geom = '<geom type="hfield" hfield="h" pos="0 0 1" material="m"/>'
     robot = read(tmp_path, mjcf(geom + geom, f"<asset>{field}{image}</asset>"))
     ((part, same),) = robot.parts
-    assert isinstance(part.shape, Surface)
-    assert isinstance(same.shape, Surface)
-    assert same.shape.mesh is part.shape.mesh
-    np.testing.assert_allclose(
-        part.shape.mesh.positions,
-        [(-3, -2, 0.125), (0, -2, 0.25), (3, -2, 0.375), (-3, 2, 0), (0, 2, 0), (3, 2, 0.5)],
-    )
-    np.testing.assert_allclose(part.shape.mesh.uv0[[0, -1]], [(0, 1), (1, 0)])
+    mesh = mesh_of(part)
+    assert mesh_of(same) is mesh
+    expected = [(-3, -2, 0.125), (0, -2, 0.25), (3, -2, 0.375), (-3, 2, 0), (0, 2, 0), (3, 2, 0.5)]
+    np.testing.assert_allclose(mesh.positions, expected)
+    np.testing.assert_allclose(mesh.uv0[[0, -1]], [(0, 1), (1, 0)])
     assert part.X_node_part[2, 3] == 1.0
     assert robot.warnings == ()
 

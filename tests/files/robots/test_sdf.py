@@ -10,7 +10,7 @@ import pytest
 
 from gateway.files.robots.reader import read_robot
 from gateway.files.robots.robot import Robot
-from gateway.scene.tree.geometry import Shape, Surface
+from gateway.scene.tree.geometry import Shape
 from renderers.color import linear_from_srgb
 from scenegate.messages.geometry import Box, Capsule, Cylinder, Ellipsoid, Sphere
 from scenegate.robots.robot import JointValue
@@ -18,6 +18,7 @@ from scenegate.robots.robot_errors import RobotFileError
 from scenegate.robots.robot_reader import read_robot as read_robot_of_client
 from scenegate.robots.xml_text import pose_of_rpy
 from tests.files.assets.mesh_files.files import DAE, png
+from tests.files.gltf.builder import mesh_of
 from tests.files.robots.files import TRIANGLE, write
 from tests.support.waiting import SECONDS
 
@@ -178,8 +179,7 @@ def test_shapes(tmp_path: Path, shape: str, expected: Shape) -> None:
 def test_a_cone_has_its_origin_halfway_to_the_tip(tmp_path: Path) -> None:
     robot = read(tmp_path, geometry("<cone><radius>2</radius><length>3</length></cone>"))
     ((part,),) = robot.parts
-    assert isinstance(part.shape, Surface)
-    points = part.shape.mesh.positions @ part.X_node_part[:3, :3].T + part.X_node_part[:3, 3]
+    points = mesh_of(part).positions @ part.X_node_part[:3, :3].T + part.X_node_part[:3, 3]
     assert (points[:, 2].min(), points[:, 2].max()) == (-1.5, 1.5)
     np.testing.assert_allclose(np.abs(points[points[:, 2] > 0]).max(axis=0), (0, 0, 1.5), atol=1e-12)
     np.testing.assert_allclose(np.linalg.norm(points[:, :2], axis=1).max(), 2.0)
@@ -425,8 +425,7 @@ def test_a_submesh_is_the_only_node_that_is_shown(tmp_path: Path) -> None:
     write(tmp_path, f"{TRIANGLE}g wheel\nv 0 0 7\nf 1 2 4\n", "m.obj")
     robot = read(tmp_path, geometry(mesh.format("wheel", "false").replace(".dae", ".obj")))
     ((part,),) = robot.parts
-    assert isinstance(part.shape, Surface)
-    assert (part.shape.mesh.positions[:, 2].max(), len(part.shape.mesh.positions), robot.warnings) == (7.0, 3, ())
+    assert (mesh_of(part).positions[:, 2].max(), len(mesh_of(part).positions), robot.warnings) == (7.0, 3, ())
     (warning,) = read(tmp_path, geometry(mesh.format("door", "false").replace(".dae", ".obj"))).warnings
     assert warning.endswith("m.obj is not shown: it has no group 'door' with faces")
 
