@@ -145,9 +145,19 @@ def test_equal_meshes_materials_and_images_are_written_once() -> None:
     assert len(written["textures"]) == 2
 
 
+UV = np.array([(0, 0), (1, 0), (0, 1)], np.float32)
+TRIANGLE = Mesh(np.eye(3, dtype=np.float32), np.array([(0, 1, 2)], np.uint32), uv0=UV, uv1=UV)
+
+
+def one(shape: Any, material: Material = RED) -> Node:
+    return Node((Part(shape, material),))
+
+
+def textured(image: Image) -> Node:
+    return one(Surface(TRIANGLE), Material(base_color_texture=Texture(image)))
+
+
 def test_materials_round_trip() -> None:
-    uv = np.array([(0, 0), (1, 0), (0, 1)], np.float32)
-    mesh = Mesh(np.eye(3, dtype=np.float32), np.array([(0, 1, 2)], np.uint32), uv0=uv, uv1=uv)
     image = image_from_bytes(png_rgba(np.full((2, 3, 4), 77, np.uint8)))
     angle = 0.3
     transform = (2 * math.cos(angle), 3 * math.sin(angle), 0.1, -2 * math.sin(angle), 3 * math.cos(angle), 0.2)
@@ -169,7 +179,7 @@ def test_materials_round_trip() -> None:
         double_sided=True,
         unlit=True,
     )
-    (instance,) = reread(Node((Part(Surface(mesh), material),))).instances
+    (instance,) = reread(one(Surface(TRIANGLE), material)).instances
     found = instance.material
     assert found.base_color == pytest.approx(material.base_color)
     assert found.base_color_texture.sampler == sampler
@@ -181,31 +191,20 @@ def test_materials_round_trip() -> None:
     for name in ("metallic_roughness_texture", "normal_texture", "occlusion_texture", "emissive_texture"):
         texture = getattr(found, name)
         np.testing.assert_array_equal(texture.image.decode(), np.full((2, 3, 4), 77))
-    np.testing.assert_array_equal(instance.mesh.uv1, uv)
-
-
-def textured(image: Image) -> Node:
-    uv = np.zeros((3, 2), np.float32)
-    mesh = Mesh(np.eye(3, dtype=np.float32), np.array([(0, 1, 2)], np.uint32), uv0=uv)
-    return Node((Part(Surface(mesh), Material(base_color_texture=Texture(image))),))
+    np.testing.assert_array_equal(instance.mesh.uv1, UV)
 
 
 def test_colors_of_clouds_are_written_linear_and_those_of_meshes_as_they_are() -> None:
     shown = np.array(((0.2, 0.4, 0.6, 0.5), (1.0, 0.0, 0.04, 1.0)), dtype=np.float32)
-    cloud = PointCloud(np.zeros((2, 3), np.float32), {"rgb": shown})
-    edit = TreeEdit(Node())
-    edit.set_parts(("cloud",), (Part(cloud, RED),))
-    [points] = [instance.mesh for instance in reread(edit.commit()).instances]
+    [points] = reread(one(PointCloud(np.zeros((2, 3), np.float32), {"rgb": shown}))).instances
     # IEC 61966-2-1 by hand; alpha is no light.
     expected = ((0.0331048, 0.1328683, 0.3185468, 0.5), (1.0, 0.0, 0.0030960, 1.0))
-    np.testing.assert_allclose(points.colors, expected, atol=1e-6)
+    np.testing.assert_allclose(points.mesh.colors, expected, atol=1e-6)
 
     positions = np.array(((0, 0, 0), (1, 0, 0)), dtype=np.float32)
     mesh = Mesh(positions, np.array(((0, 1),), dtype=np.uint32), colors=shown)
-    edit = TreeEdit(Node())
-    edit.set_parts(("mesh",), (Part(Surface(mesh), RED),))
-    [lines] = [instance.mesh for instance in reread(edit.commit()).instances]
-    np.testing.assert_array_equal(lines.colors, shown)
+    [lines] = reread(one(Surface(mesh))).instances
+    np.testing.assert_array_equal(lines.mesh.colors, shown)
 
 
 def test_pixels_without_a_file_become_a_png() -> None:
@@ -250,11 +249,6 @@ def test_an_empty_tree_is_a_valid_file() -> None:
     read = read_gltf(export_glb(Node()))
     assert read.instance_count == 0
     assert "buffers" not in document(export_glb(Node()))
-
-
-def test_files_beyond_the_limit_are_refused() -> None:
-    with pytest.raises(FileTooLargeError, match="larger than 100 bytes"):
-        export_glb(Node((Part(Sphere(1.0), RED),)), max_bytes=100)
 
 
 poses = st.tuples(*[st.floats(-9, 9)] * 3, st.just(1.0), *[st.floats(-1, 1)] * 3)
@@ -314,26 +308,16 @@ def test_samplers_round_trip(mag_linear: bool, min_linear: bool, mipmaps: bool) 
         Wrap.MIRRORED_REPEAT, Wrap.CLAMP_TO_EDGE, mag_linear=mag_linear, min_linear=min_linear, mipmaps=mipmaps
     )
     image = image_from_bytes(png_rgba(np.full((2, 2, 4), 200, np.uint8)))
-    mesh = Mesh(np.eye(3, dtype=np.float32), np.array([[0, 1, 2]], np.uint32), uv0=np.zeros((3, 2), np.float32))
     material = Material(base_color_texture=Texture(image, sampler, name="paint"))
-    glb = export_glb(Node((Part(Surface(mesh), material),)))
-    written = document(glb)["samplers"]
-    assert written[0]["magFilter"] == (9729 if mag_linear else 9728)
-    assert (
-        written[0]["minFilter"]
-        == {
-            (True, True): 9987,
-            (True, False): 9729,
-            (False, True): 9984,
-            (False, False): 9728,
-        }[min_linear, mipmaps]
-    )
+    glb = export_glb(one(Surface(TRIANGLE), material))
+    (written,) = document(glb)["samplers"]
+    assert written["magFilter"] == (9729 if mag_linear else 9728)
+    filters = {(True, True): 9987, (True, False): 9729, (False, True): 9984, (False, False): 9728}
+    assert written["minFilter"] == filters[min_linear, mipmaps]
     (drawn,) = flatten(read_gltf(glb).root).instances
     texture = drawn.material.base_color_texture
     assert texture.name == "images[0] (paint)"
-    found = texture.sampler
-    assert (found.wrap_s, found.wrap_t) == (Wrap.MIRRORED_REPEAT, Wrap.CLAMP_TO_EDGE)
-    assert (found.mag_linear, found.min_linear, found.mipmaps) == (mag_linear, min_linear, mipmaps)
+    assert texture.sampler == replace(sampler, mip_linear=texture.sampler.mip_linear)
 
 
 @pytest.mark.parametrize(("count", "component"), [(65_534, 5123), (65_535, 5125), (65_536, 5125)])
@@ -341,7 +325,7 @@ def test_indices_are_16_bit_while_the_restart_value_is_no_vertex(count: int, com
     positions = np.zeros((count, 3), np.float32)
     positions[-1] = (1, -1e13, 3)
     mesh = Mesh(positions, np.array([[count - 1, 0, 1]], np.uint32))
-    glb = export_glb(Node((Part(Surface(mesh), RED),)))
+    glb = export_glb(one(Surface(mesh)))
     accessors = document(glb)["accessors"]
     assert [each["componentType"] for each in accessors] == [5126, component]
     assert accessors[0]["min"] == [0, np.float32(-1e13), 0]
@@ -354,7 +338,7 @@ def test_indices_are_16_bit_while_the_restart_value_is_no_vertex(count: int, com
 @pytest.mark.parametrize(("value", "written"), [(-0.5, 0), (0.25, 0.25), (1.5, 1), (math.nan, 1), (math.inf, 1)])
 def test_factors_are_clamped_to_the_range_of_gltf(value: float, written: float) -> None:
     material = Material(base_color=(0.5, value, 1, 1), metallic=value, roughness=value, emissive=(0, value, 1))
-    (entry,) = document(export_glb(Node((Part(Box((1, 1, 1)), material),))))["materials"]
+    (entry,) = document(export_glb(one(Box((1, 1, 1)), material)))["materials"]
     pbr = entry["pbrMetallicRoughness"]
     assert pbr["baseColorFactor"] == [0.5, written, 1, 1]
     assert (pbr["metallicFactor"], pbr["roughnessFactor"]) == (written, written)
@@ -362,7 +346,7 @@ def test_factors_are_clamped_to_the_range_of_gltf(value: float, written: float) 
 
 
 def test_a_file_of_exactly_the_limit_is_written() -> None:
-    root = Node((Part(Box((1, 1, 1)), RED),))
+    root = one(Box((1, 1, 1)))
     size = document(export_glb(root))["buffers"][0]["byteLength"]
     assert export_glb(root, max_bytes=size)
     with pytest.raises(FileTooLargeError, match=f"larger than {size - 1} bytes"):

@@ -177,7 +177,7 @@ def test_materials_of_other_shape_are_not_vtk_exports(change: dict[str, Any]) ->
 def test_primitives_with_normals_or_colors_are_not_vtk_exports(attribute: str) -> None:
     b = Builder("Drake glTF merger")
     b.add("materials", VTK)
-    theirs = {"material": 0, "TEXCOORD_0": np.zeros((3, 2))}
+    theirs: dict[str, Any] = {"material": 0, "TEXCOORD_0": np.zeros((3, 2))}
     b.draw(np.eye(3), **theirs, **{attribute: np.ones((3, 3))}).draw(np.eye(3), **theirs)
     assert [part.material.vtk_export for _, part in parts(b.read())] == [False, True]
 

@@ -79,6 +79,7 @@ def test_duplicate_members_do_not_affect_other_documents(name: str) -> None:
 def test_one_accessor_of_several_primitives(kind: str) -> None:
     b = Builder()
     values = np.arange(18, dtype=np.float32).reshape(3, 6)
+    expected: Any
     if kind == "interleaved":
         points, expected = b.points(b.view(values.tobytes(), byteStride=24)), values[:, :3]
     elif kind == "zeros":
