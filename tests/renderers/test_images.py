@@ -170,9 +170,6 @@ def test_rejects_bombs_by_their_header() -> None:
     bomb = raw_png(60_000, 60_000, 1, 0, b"")
     with pytest.raises(ImageError, match="bomb: 60000x60000 pixels are more than the limit of 67108864"):
         decode_image(bomb, name="bomb")
-    with pytest.raises(ImageError, match="7x5 pixels are more than the limit of 34"):
-        image_from_bytes(encoded(RGBA, "PNG"), max_pixels=34).decode()
-    assert image_from_bytes(encoded(RGBA, "PNG"), max_pixels=35).decode().shape == (5, 7, 4)
 
 
 @pytest.mark.parametrize(
@@ -294,9 +291,9 @@ def test_images_that_are_not_in_use_are_freed() -> None:
 @pytest.mark.parametrize(("width", "height", "pixels"), [(7, 5, 35), (5, 7, 35), (1, 9, 9), (9, 1, 9)])
 def test_the_pixel_limit_is_exact(width: int, height: int, pixels: int) -> None:
     data = encoded(np.zeros((height, width, 3), np.uint8), "PNG")
-    assert decode_image(data, max_pixels=pixels).shape == (height, width, 4)
+    assert image_from_bytes(data, max_pixels=pixels).decode().shape == (height, width, 4)
     with pytest.raises(ImageError, match=f"{width}x{height} pixels are more than the limit of {pixels - 1}"):
-        decode_image(data, max_pixels=pixels - 1)
+        image_from_bytes(data, max_pixels=pixels - 1).decode()
 
 
 SAMPLES = [encoded(RGBA, "PNG"), encoded(RGBA[..., :3], "JPEG"), encoded(RGBA, "WebP"), png16(RGBA.astype(np.uint16))]

@@ -22,13 +22,6 @@ def torn(mesh: Mesh) -> tuple[np.ndarray, np.ndarray]:
     return positions, np.arange(len(positions), dtype=np.uint32).reshape(-1, 3)
 
 
-def test_a_sphere_is_smooth_again() -> None:
-    mesh = with_creases(*torn(primitives.sphere()))
-    assert mesh.normals is not None
-    assert len(mesh.positions) == len(primitives.sphere().positions)
-    assert np.einsum("ni,ni->n", mesh.normals, mesh.positions).min() > 0.999
-
-
 def test_a_cylinder_keeps_its_edges() -> None:
     source = primitives.cylinder()
     mesh = with_creases(*torn(source))
@@ -38,14 +31,6 @@ def test_a_cylinder_keeps_its_edges() -> None:
     # Two triangles of one facet and one of the next lie around a vertex: a sixth of its angle aside.
     facet = 2 * math.pi / (np.count_nonzero(round_) / 2)
     np.testing.assert_allclose(mesh.normals[round_][:, :2], mesh.positions[round_][:, :2], atol=facet / 5)
-
-
-@pytest.mark.parametrize(("bend", "vertices"), [(30.0, 4), (60.0, 6)])
-def test_the_angle_decides(bend: float, vertices: int) -> None:
-    a = math.radians(bend)
-    points = np.array([(0, 0, 0), (0, 1, 0), (1, 0, 0), (-math.cos(a), 0, math.sin(a))], np.float32)
-    mesh = with_creases(points, np.array([(0, 2, 1), (0, 1, 3)], np.uint32))
-    assert len(mesh.positions) == vertices
 
 
 def test_texture_coordinates_and_colours_stay_with_their_corners() -> None:
@@ -77,18 +62,6 @@ def test_corners_of_a_vertex_with_too_many_faces_are_flat(count: int, is_flat: b
     assert (tip_vertices > 4) is is_flat
     assert tip_vertices >= 4
     np.testing.assert_allclose(np.linalg.norm(normals, axis=1), 1.0, atol=1e-5)
-
-
-def test_tip_of_a_fan_of_many_faces_has_unit_normals() -> None:
-    count = MAX_FACES_PER_VERTEX * 4
-    angle = np.linspace(0, 2 * math.pi, count, endpoint=False)
-    rim = np.stack((np.cos(angle), np.sin(angle), np.zeros(count)), axis=1)
-    points = np.concatenate((rim, [(0, 0, 1)])).astype(np.float32)
-    ring = np.arange(count)
-    triangles = np.stack((ring, np.roll(ring, -1), np.full(count, count)), axis=1).astype(np.uint32)
-    mesh = with_creases(points, triangles)
-    assert mesh.normals is not None
-    np.testing.assert_allclose(np.linalg.norm(mesh.normals, axis=1), 1.0, atol=1e-5)
 
 
 def test_degenerate_triangles_and_none_at_all() -> None:

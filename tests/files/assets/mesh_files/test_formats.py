@@ -68,7 +68,7 @@ def test_meshes_without_normals_are_smooth_but_not_across_creases(root: Path, fi
     ball = mesh_of(files.load("ball.stl")[0])
     assert ball.normals is not None
     assert len(ball.positions) == len(primitives.sphere().positions)
-    assert np.einsum("ni,ni->n", ball.normals, ball.positions).min() > 0.99
+    assert np.einsum("ni,ni->n", ball.normals, ball.positions).min() > 0.999
     write(root / "box.stl", stl(primitives.box()))
     box = mesh_of(files.load("box.stl")[0])
     assert box.normals is not None
