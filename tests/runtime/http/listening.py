@@ -34,5 +34,7 @@ async def connected(
     context = ssl.create_default_context(cafile=str(tls[0])) if tls else None
     async with listening(app, tls) as port, asyncio.timeout(SECONDS):
         reader, writer = await asyncio.open_connection("127.0.0.1", port, ssl=context)
-        yield reader, writer
-        writer.close()
+        try:
+            yield reader, writer
+        finally:
+            writer.close()

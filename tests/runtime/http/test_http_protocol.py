@@ -83,6 +83,7 @@ async def test_endless_headers_are_refused(monkeypatch: pytest.MonkeyPatch) -> N
             await asyncio.sleep(0)
         assert (await answer).startswith(b"HTTP/1.1 431 ")
         assert b"longer than 65536 bytes" in await reader.readline()
+        writer.close()
 
 
 @pytest.mark.parametrize("start", [b"", b"GET /hello HT"], ids=["nothing", "a piece"])
