@@ -26,7 +26,7 @@ def test_used_vertices_are_those_of_a_sort(rows: int, count: int) -> None:
     expected, places = np.unique(elements, return_inverse=True)
     assert np.array_equal(used, expected)
     assert np.array_equal(compact, places.reshape(elements.shape))
-    assert (used.dtype, compact.dtype, compact.flags.c_contiguous) == (np.intp, np.uint32, True)
+    assert (used.dtype, compact.dtype, compact.flags.c_contiguous) == (np.dtype(np.intp), np.dtype(np.uint32), True)
 
 
 @pytest.mark.parametrize("topology", Topology)

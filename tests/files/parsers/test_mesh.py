@@ -278,7 +278,7 @@ def test_strips_of_ply_files_are_triangles(form: str) -> None:
     elif form == "binary":
         data = binary("element tristrips 1", INDICES, body=struct.pack("<B8i", 8, *corners))
     else:
-        data = binary("element tristrips 2", INDICES, body=struct.pack("<B5iB3i", 5, *corners[:5], 3, *corners[5:]))
+        data = binary("element tristrips 2", INDICES, body=struct.pack("<B4iB3i", 4, *corners[:4], 3, *corners[5:]))
     (shape,) = content(data, "ply").shapes
     triangles = np.frombuffer(shape.triangles or b"", np.uint32).reshape(-1, 3)
     np.testing.assert_array_equal(triangles, [(0, 1, 3), (2, 3, 1), (0, 1, 4)])

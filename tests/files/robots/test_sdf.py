@@ -138,19 +138,6 @@ def test_poses_equal_drakes(tmp_path: Path) -> None:
         np.testing.assert_allclose(X_world_link, theirs[name.rpartition("::")[2]], atol=1e-12)
 
 
-def test_a_joint_turns_about_its_own_frame(tmp_path: Path) -> None:
-    robot = read(
-        tmp_path,
-        model(
-            '<link name="cart"/><link name="pole"><pose relative_to="hinge">0 0 0.25 0 0 0</pose></link>'
-            '<joint name="hinge" type="revolute"><pose relative_to="cart">0 0 0.05 0 0 0</pose>'
-            "<parent>cart</parent><child>pole</child><axis><xyz>0 1 0</xyz></axis></joint>"
-        ),
-    )
-    np.testing.assert_allclose(robot.link_poses({})[1][:3, 3], (0, 0, 0.3))
-    np.testing.assert_allclose(robot.link_poses({"hinge": np.pi / 2})[1][:3, 3], (0.25, 0, 0.05), atol=1e-12)
-
-
 @pytest.mark.parametrize(
     ("shape", "expected"),
     [
@@ -230,39 +217,68 @@ def test_meshes_lie_beside_the_file_that_names_them(tmp_path: Path) -> None:
     np.testing.assert_allclose(robot.link_poses({})[:, 0, 3], (1, 2))
 
 
+def placed(name: str, place: str = "", relative_to: str = "") -> str:
+    """A link with a pose, of six numbers."""
+    return f"<link name='{name}'><pose{relative_to}>{place or '0 0 0 0 0 0'}</pose></link>"
+
+
+def jointed(name: str, kind: str, parent: str, child: str, rest: str = "", axis: str = "1 0 0") -> str:
+    ends = f"<parent>{parent}</parent><child>{child}</child><axis><xyz>{axis}</xyz></axis>"
+    return f"<joint name='{name}' type='{kind}'>{rest}{ends}</joint>"
+
+
+HINGE = jointed("hinge", "revolute", "a", "b", "<pose relative_to='a'>0 0 0.05 0 0 0</pose>", "0 1 0")
+POLE = placed("a") + placed("b", "0 0 0.25 0 0 0", " relative_to='hinge'") + HINGE
+TURNED = placed("a") + placed("b", "0 0 0 0 0 1.5707963267948966") + jointed("j", "prismatic", "a", "b")
+CART = placed("cart", "0 2 0 0 0 0") + placed("base", "0 0 1 0 0 0")
+CART += jointed("slide", "prismatic", "world", "cart") + jointed("weld", "fixed", "world", "base")
+WORLD = placed("world") + placed("cart", "0 0 1 0 0 0") + jointed("j", "prismatic", "world", "cart", axis="0 0 1")
+WHEEL = jointed("wheel", "revolute", "a", "wheel") + placed("a") + placed("wheel", "0 1 0 0 0 0")
+OTHERS = f"<model name='m'><pose>0 0 2 0 0 0</pose>{placed('a')}</model>"
+OTHERS += f"<model name='n'><pose relative_to='m::__model__'>1 0 0 0 0 0</pose>{placed('b')}</model>"
+
+
+@pytest.mark.parametrize(
+    ("sdf", "values", "positions"),
+    [
+        (model(POLE), {}, {"a": (0, 0, 0), "b": (0, 0, 0.3)}),  # a joint turns about its own frame
+        (model(POLE), {"hinge": np.pi / 2}, {"a": (0, 0, 0), "b": (0.25, 0, 0.05)}),
+        (model(TURNED, "1.4"), {"j": 1.0}, {"a": (0, 0, 0), "b": (1, 0, 0)}),  # axes in the frame of the model
+        (model(TURNED, "1.5"), {"j": 1.0}, {"a": (0, 0, 0), "b": (0, 1, 0)}),
+        (model(CART), {"slide": 3.0}, {"world": (0, 0, 0), "cart": (3, 2, 0), "base": (0, 0, 1)}),
+        # a link may be called world
+        (
+            world(f"<model name='m'>{WORLD}</model>").replace("1.9", "1.6"),
+            {"m::j": 0.5},
+            {"world": (0, 0, 0), "m::cart": (0, 0, 1.5)},
+        ),
+        # the root element before version 1.3
+        (f"<gazebo version='1.2'><model name='m'>{placed('a', '1 0 0 0 0 0')}</model></gazebo>", {}, {"a": (1, 0, 0)}),
+        # a joint with the name of a link is renamed, as by libsdformat
+        (model(WHEEL, "1.4"), {"wheel_joint": 1.0}, {"a": (0, 0, 0), "wheel": (0, 1, 0)}),
+        (world(OTHERS), {}, {"m::a": (0, 0, 2), "n::b": (1, 0, 2)}),
+        # before version 1.7 frame is relative_to
+        (
+            model(placed("a", "0 0 1 0 0 0", " frame=''") + placed("b", "0 0 1 0 0 0", " frame='a'"), "1.6"),
+            {},
+            {"a": (0, 0, 1), "b": (0, 0, 2)},
+        ),
+    ],
+)
+def test_places_of_links(
+    tmp_path: Path, sdf: str, values: dict[str, JointValue], positions: dict[str, tuple[float, ...]]
+) -> None:
+    robot = read(tmp_path, sdf)
+    assert (robot.links, robot.warnings) == (tuple(positions), ())
+    np.testing.assert_allclose(robot.link_poses(values)[:, :3, 3], [*positions.values()], atol=1e-12)
+
+
 def test_a_merged_include_has_no_name_of_its_own(tmp_path: Path) -> None:
     write(tmp_path, model('<link name="b"><pose>1 0 0 0 0 0</pose></link>'), "other/model.sdf")
     merged = '<include merge="true"><uri>other</uri><pose>0 1 0 0 0 0</pose></include>'
     robot = read(tmp_path, model(f'<pose>0 0 1 0 0 0</pose><link name="a"/>{merged}'))
     assert robot.links == ("a", "b")
     np.testing.assert_allclose(robot.link_poses({})[:, :3, 3], ((0, 0, 1), (1, 1, 1)))
-
-
-def test_before_version_1_5_axes_are_in_the_frame_of_the_model(tmp_path: Path) -> None:
-    content = (
-        '<link name="a"/><link name="b"><pose>0 0 0 0 0 1.5707963267948966</pose></link>'
-        '<joint name="j" type="prismatic"><parent>a</parent><child>b</child><axis><xyz>1 0 0</xyz></axis></joint>'
-    )
-    for version, expected in (("1.4", (1, 0, 0)), ("1.5", (0, 1, 0))):
-        robot = read(tmp_path, model(content, version))
-        np.testing.assert_allclose(robot.link_poses({"j": 1.0})[1][:3, 3], expected, atol=1e-12)
-
-
-def test_a_joint_may_move_in_the_world(tmp_path: Path) -> None:
-    slide = '<joint name="{}" type="{}"><parent>world</parent><child>{}</child><axis><xyz>1 0 0</xyz></axis></joint>'
-    links = '<link name="cart"><pose>0 2 0 0 0 0</pose></link><link name="base"><pose>0 0 1 0 0 0</pose></link>'
-    joints = slide.format("slide", "prismatic", "cart") + slide.format("weld", "fixed", "base")
-    robot = read(tmp_path, model(links + joints))
-    assert robot.links == ("world", "cart", "base")
-    np.testing.assert_allclose(robot.link_poses({"slide": 3.0})[:, :3, 3], ((0, 0, 0), (3, 2, 0), (0, 0, 1)))
-
-
-def test_a_link_may_be_called_world(tmp_path: Path) -> None:
-    slide = '<joint name="j" type="prismatic"><parent>world</parent><child>cart</child></joint>'
-    links = '<link name="world"/><link name="cart"><pose>0 0 1 0 0 0</pose></link>'
-    robot = read(tmp_path, world(f'<model name="m">{links}{slide}</model>').replace("1.9", "1.6"))
-    assert robot.links == ("world", "m::cart")
-    np.testing.assert_allclose(robot.link_poses({"m::j": 0.5})[:, :3, 3], ((0, 0, 0), (0, 0, 1.5)))
 
 
 LOOP = "".join(
@@ -385,21 +401,6 @@ def test_models_of_fuel_are_those_on_this_machine(tmp_path: Path, monkeypatch: p
     includes = "".join(include(url + uri, f"<name>m{each}</name>") for each, uri in models)
     robot = read_robot(write(tmp_path, world(includes), "worlds/w.world"))
     assert (robot.links, robot.warnings) == (("m0::of_10", "m1::of_10", "m2::own"), ())
-
-
-def test_the_root_element_before_version_1_3(tmp_path: Path) -> None:
-    old = "<gazebo version='1.2'><model name='m'><link name='a'><pose>1 0 0 0 0 0</pose></link></model></gazebo>"
-    robot = read(tmp_path, old)
-    assert (robot.links, robot.warnings) == (("a",), ())
-    assert robot.link_poses({})[0, 0, 3] == 1.0
-
-
-def test_a_joint_with_the_name_of_a_link_is_renamed(tmp_path: Path) -> None:
-    """As by libsdformat."""
-    joint = "<joint name='wheel' type='revolute'><parent>a</parent><child>wheel</child></joint>"
-    robot = read(tmp_path, model(f"{joint}<link name='a'/><link name='wheel'><pose>0 1 0 0 0 0</pose></link>", "1.4"))
-    assert ([*robot.joints], robot.warnings) == (["wheel_joint"], ())
-    assert robot.link_poses({})[1, 1, 3] == 1.0
 
 
 def test_a_material_script_is_named_in_a_warning(tmp_path: Path) -> None:
@@ -549,21 +550,6 @@ def test_joints_join_the_links_of_models_and_frames(tmp_path: Path, end: str) ->
     robot = read(tmp_path, model(f'<model name="left">{inner}</model>{right}{joint}'))
     assert (robot.links, [*robot.joints], robot.warnings) == (("left::inner::a", "right::b"), ["j"], ())
     np.testing.assert_allclose(robot.link_poses({"j": 1.0})[:, :3, 3], ((0, 0, 1), (0, 1, 0)), atol=1e-12)
-
-
-def test_a_model_may_be_relative_to_another_ones_frame(tmp_path: Path) -> None:
-    first = '<model name="m"><pose>0 0 2 0 0 0</pose><link name="a"/></model>'
-    second = '<model name="n"><pose relative_to="m::__model__">1 0 0 0 0 0</pose><link name="b"/></model>'
-    robot = read(tmp_path, world(first + second))
-    assert robot.warnings == ()
-    np.testing.assert_allclose(robot.link_poses({})[1, :3, 3], (1, 0, 2))
-
-
-def test_before_version_1_7_frame_is_relative_to(tmp_path: Path) -> None:
-    link = '<link name="{}"><pose frame="{}">0 0 1 0 0 0</pose></link>'
-    robot = read(tmp_path, model(link.format("a", "") + link.format("b", "a"), "1.6"))
-    assert robot.warnings == ()
-    np.testing.assert_allclose(robot.link_poses({})[:, 2, 3], (1, 2))
 
 
 @pytest.mark.parametrize(
