@@ -1,7 +1,5 @@
 """A set stop flag ends reading at any step, and leaves no partial results in a cache."""
 
-import base64
-import json
 import threading
 from collections import deque
 from collections.abc import Callable
@@ -14,9 +12,8 @@ import pytest
 
 from gateway.files.gltf import GltfCache, GltfLimits, read_gltf
 from renderers.stop import StopFlag
-from tests.files.gltf.builder import mesh_of
+from tests.files.gltf.builder import TRIANGLE, Builder, mesh_of
 
-Document = dict[str, Any]
 POINTS = np.random.default_rng(0).random((100_000, 3), np.float32)
 
 
@@ -24,73 +21,58 @@ class Enough(Exception):
     pass
 
 
-def accessor(view: int | None, shape: str, count: int, component: int = 5126, **more: Any) -> Document:
-    place = {} if view is None else {"bufferView": view}
-    return {**place, "componentType": component, "count": count, "type": shape, **more}
-
-
-def document(primitives: list[Document], accessors: list[Document], *parts: bytes, **more: Any) -> bytes:
-    raw = b"".join(parts)
-    views, begin = [], 0
-    for part in parts:
-        views.append({"buffer": 0, "byteOffset": begin, "byteLength": len(part)})
-        begin += len(part)
-    uri = f"data:application/octet-stream;base64,{base64.b64encode(raw).decode()}"
-    made = {
-        "asset": {"version": "2.0"},
-        "scene": 0,
-        "scenes": [{"nodes": [0]}],
-        "nodes": [{"mesh": 0}],
-        "meshes": [{"primitives": primitives}],
-        "accessors": accessors,
-        **({"bufferViews": views, "buffers": [{"byteLength": len(raw), "uri": uri}]} if raw else {}),
-    }
-    return json.dumps({**made, **more}).encode()
+def document(b: Builder, *primitives: dict[str, Any], **more: Any) -> bytes:
+    """A node that draws the primitives, or the nodes of ``more``."""
+    b.node(mesh=b.mesh(*primitives))
+    b.json |= more
+    return b.text()
 
 
 def sparse_accessors(count: int = 1000, values: int = 300_000) -> bytes:
     """Accessors that each replace all of their values by the same ones: the file is as small as one of them."""
-    part = {"indices": {"bufferView": 0, "componentType": 5125}, "values": {"bufferView": 1}, "count": values}
-    accessors = [accessor(None, "VEC3", values, sparse=part) for _ in range(count)]
-    accessors.append(accessor(None, "SCALAR", 3, 5125))
-    primitives = [{"attributes": {"POSITION": number}, "indices": count} for number in range(count)]
-    return document(primitives, accessors, np.arange(values, dtype=np.uint32).tobytes(), bytes(12 * values))
+    b = Builder()
+    indices = {"bufferView": b.view(np.arange(values, dtype=np.uint32).tobytes()), "componentType": 5125}
+    part = {"indices": indices, "values": {"bufferView": b.view(bytes(12 * values))}, "count": values}
+    zeros = b.points(None, type="SCALAR", componentType=5125)
+    points = (b.points(None, values, sparse=part) for _ in range(count))
+    return document(b, *({"attributes": {"POSITION": p}, "indices": zeros} for p in points))
 
 
 def primitives_one_by_one(count: int = 5_000) -> bytes:
     """Lines, each with an accessor of its own on one buffer."""
-    accessors = [accessor(0, "VEC3", 4, byteOffset=12 * number) for number in range(count)]
-    return document([{"attributes": {"POSITION": k}, "mode": 1} for k in range(count)], accessors, POINTS.tobytes())
+    b = Builder()
+    view = b.view(POINTS.tobytes())
+    points = (b.points(view, 4, byteOffset=12 * number) for number in range(count))
+    return document(b, *({"attributes": {"POSITION": p}, "mode": 1} for p in points))
 
 
 def materials_one_by_one(count: int = 5_000) -> bytes:
-    primitives = [{"attributes": {"POSITION": 0}, "material": number} for number in range(count)]
+    b = Builder()
+    attributes = {"POSITION": b.accessor(TRIANGLE)}
     materials = [{"emissiveFactor": [0, 0, number / count]} for number in range(count)]
-    return document(primitives, [accessor(0, "VEC3", 3)], POINTS.tobytes(), materials=materials)
+    primitives = ({"attributes": attributes, "material": number} for number in range(count))
+    return document(b, *primitives, materials=materials)
 
 
 def vertices_of_nothing() -> bytes:
     """Zeros, without a buffer: a few hundred bytes, a hundred megabytes of arrays, whose tangents have no length."""
-    shapes = {"POSITION": "VEC3", "NORMAL": "VEC3", "TEXCOORD_0": "VEC2", "COLOR_0": "VEC4", "TANGENT": "VEC4"}
-    accessors = [accessor(None, shape, 1_000_000) for shape in shapes.values()]
-    return document([{"attributes": dict(zip(shapes, range(len(shapes)), strict=True))}], accessors)
+    b = Builder()
+    types = {"POSITION": "VEC3", "NORMAL": "VEC3", "TEXCOORD_0": "VEC2", "COLOR_0": "VEC4", "TANGENT": "VEC4"}
+    return document(b, {"attributes": {name: b.points(None, 1_000_000, type=each) for name, each in types.items()}})
 
 
 def numbers_that_are_no_json() -> bytes:
     """NaN: read by a slower parser, which checks the flag at every number."""
-    text = document([{"attributes": {"POSITION": 0}}], [accessor(0, "VEC3", 3)], POINTS.tobytes())
-    return text[:-1] + b', "extras": [NaN' + b",1.5" * 200_000 + b"]}"
+    return Builder().draw(POINTS).text()[:-1] + b', "extras": [NaN' + b",1.5" * 200_000 + b"]}"
 
 
 def deep_nodes(chains: int = 80, depth: int = 240) -> bytes:
-    nodes: list[Document] = []
+    nodes: list[dict[str, Any]] = []
     for chain in range(chains):
         nodes += [{"children": [chain * depth + k + 1], "rotation": [0, 0, 0.1, 0.99]} for k in range(depth - 1)]
         nodes.append({"mesh": 0})
-    roots = [{"nodes": [chain * depth for chain in range(chains)]}]
-    return document(
-        [{"attributes": {"POSITION": 0}}], [accessor(0, "VEC3", 3)], POINTS.tobytes(), nodes=nodes, scenes=roots
-    )
+    b = Builder()
+    return document(b, {"attributes": {"POSITION": b.accessor(TRIANGLE)}}, nodes=nodes)
 
 
 DOCUMENTS: tuple[Callable[[], bytes], ...] = (
@@ -156,16 +138,10 @@ def test_many_siblings_of_one_name_are_fast() -> None:
     """Counting from 1 for each of 99,000 siblings took five thousand million steps."""
     count = 99_000
     nodes = [{"mesh": 0, "name": "x"} for _ in range(count - 2)] + [{"name": "x#3"}, {"name": "x"}]
-    scene = read_gltf(
-        document(
-            [{"attributes": {"POSITION": 0}}],
-            [accessor(0, "VEC3", 3)],
-            POINTS.tobytes(),
-            nodes=nodes,
-            scenes=[{"nodes": list(range(count))}],
-        )
-    )
-    names = list(scene.root.children)
+    b = Builder()
+    b.triangle()
+    b.json["nodes"] = nodes
+    names = list(b.read().root.children)
     assert len(names) == len(set(names)) == count
     assert names[:4] == ["x", "x#2", "x#3", "x#4"]
     assert names[-2:] == ["x#3#2", f"x#{count - 1}"]
