@@ -167,17 +167,21 @@ def test_values(name: str, text: str, value: object) -> None:
 
 
 @pytest.mark.parametrize(
-    ("name", "texts"),
+    ("name", "reason", "texts"),
     [
-        ("background", ("1,2", "1,2,3,4", "", "1,2,-3", "1,2,1.5", "256,0,0", "0,0,256", "1,2,\u0663")),
-        ("stereo_cameras", ("1,2,3", "[1.5]", "|".join([MOUNT] * 16))),
-        ("root_path", ("proxy", "//host/x", "/a?b", "/a b", "https://host/x")),
-        ("frame_origins", ("localhost:8888", "http://a;script-src *", "http://a\r\nX: y", "http://a/b")),
+        (
+            "background",
+            ".*0 to 255",
+            ("1,2", "1,2,3,4", "", "1,2,-3", "1,2,1.5", "256,0,0", "0,0,256", "1,2,\u0663"),
+        ),
+        ("stereo_cameras", "", ("1,2,3", "[1.5]", "|".join([MOUNT] * 16))),
+        ("root_path", "", ("proxy", "//host/x", "/a?b", "/a b", "https://host/x")),
+        ("frame_origins", "", ("localhost:8888", "http://a;script-src *", "http://a\r\nX: y", "http://a/b")),
     ],
 )
-def test_values_that_are_refused(name: str, texts: tuple[str, ...]) -> None:
+def test_values_that_are_refused(name: str, reason: str, texts: tuple[str, ...]) -> None:
     for text in texts:
-        with pytest.raises(SettingsError, match=f"--{name.replace('_', '-')}: "):
+        with pytest.raises(SettingsError, match=f"^--{name.replace('_', '-')}: {reason}"):
             load({name: text})
 
 
