@@ -103,7 +103,7 @@ else:
             self._rank, self._readonly = rank, readonly
 
         def __getitem__(self, scalar: type[np.generic]) -> Any:
-            dtype = getattr(types, np.dtype(scalar).name)
+            dtype = typeof(scalar(0))
             return types.Array(dtype, self._rank, "C", readonly=self._readonly)
 
     Array1, Array2, Array3 = (_ArrayOfRank(rank, readonly=False) for rank in (1, 2, 3))
