@@ -3,7 +3,7 @@
 import shutil
 from collections.abc import Iterator
 from contextlib import contextmanager
-from typing import Any
+from typing import Any, Self
 
 import pytest
 
@@ -52,7 +52,7 @@ def wait_in_page(page: Any, condition: str, *argument: Any) -> None:
 
 
 class Watched:
-    """A page and the errors that it must not have."""
+    """A page and the errors that it must not have. As a context manager, it closes the page and checks them."""
 
     def __init__(self, browser: Any, url: str, *, width: int = 1280, height: int = 800) -> None:
         self.page = new_page(browser, viewport={"width": width, "height": height})
@@ -65,6 +65,13 @@ class Watched:
         """Ignore failed connections while the gateway is stopped on purpose."""
         self.page.goto(f"{url}/view?theme=light")
         wait_in_page(self.page, "window.scenegate !== undefined")
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, failure: type[BaseException] | None, *_: object) -> None:
+        self.page.close()
+        assert failure or self.faults == []
 
     def _console(self, message: Any) -> None:
         if message.type == "error" and not (self.expect_outage and "ERR_CONNECTION" in message.text):
