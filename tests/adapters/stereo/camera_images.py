@@ -9,7 +9,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gateway.adapters.stereo.device.profile import read_profile
+from gateway.adapters.stereo.device.stream_settings import StreamSettings
+from gateway.adapters.stereo.imaging.matched_depth import matched_depth
+from gateway.adapters.stereo.imaging.rendered_images import GREY, ImageRequest, Imaging
+from gateway.adapters.stereo.imaging.scene_view import Capture
+from renderers.interface import Output
+from renderers.stereo.depth.depth_images import true_disparity
+from renderers.stereo.depth.matching import ImagePair
 from renderers.stereo.sensor.camera_image import (
+    NoiseStream,
     SceneLight,
     SensorImage,
     image_from_light,
@@ -47,3 +55,25 @@ def light_of(rendered: NDArray[np.uint8], light: SceneLight = SceneLight()) -> N
 def rendered_grey(light: float, shape: tuple[int, int] = (240, 320)) -> NDArray[np.uint8]:
     """Return a rendered image, (H, W, 3) uint8, of about this light."""
     return np.full((*shape, 3), round(255 * light ** (1 / DISPLAY_GAMMA)), np.uint8)
+
+
+def expose(
+    imaging: Imaging, capture: Capture, exposure: Exposure, stream: NoiseStream = NoiseStream.LEFT
+) -> SensorImage:
+    """Return the grey image of one camera."""
+    return imaging.expose(capture, ImageRequest(exposure, stream, frozenset((GREY,))))[GREY]
+
+
+def matched_and_true(
+    imaging: Imaging, capture: Capture, settings: StreamSettings
+) -> tuple[NDArray[np.float64], NDArray[np.float32]]:
+    """Return matched disparity and that of the rendered depth, pixels, (H, W) each; 0 is invalid."""
+    model, divisor = imaging.config.model, settings.quality.divisor
+    exposure = imaging.meter(capture, settings).exposure
+    left, right = (expose(imaging, capture, exposure, stream) for stream in (NoiseStream.LEFT, NoiseStream.RIGHT))
+    measured = matched_depth(imaging.config, ImagePair(left, right, exposure), settings, None)
+    seen, other = (imaging.render(capture, x, divisor, Output.DEPTH).depth for x in (0.0, model.baseline))
+    assert seen is not None
+    assert other is not None
+    limits = settings.filters.measurable_depths(model, divisor)
+    return measured.disparity / 16, true_disparity(seen, other, model.focal_times_baseline(divisor), limits)

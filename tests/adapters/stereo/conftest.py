@@ -3,21 +3,30 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import AsyncIterator, Awaitable, Callable
+import logging
+from collections.abc import AsyncIterator, Awaitable, Callable, Iterator
 from contextlib import AsyncExitStack, asynccontextmanager
 from dataclasses import dataclass
 from typing import Any
 
 import grpc
+import httpx2 as httpx
 import numpy as np
 import pytest
+import structlog
+from fastapi import APIRouter, FastAPI
 from numpy.typing import NDArray
 
 from gateway.adapters.stereo.device.camera_config import StereoConfig
 from gateway.adapters.stereo.imaging.recorded_pairs import RecordedPairs
 from gateway.adapters.stereo.imaging.scene_view import SceneSource, SceneState
+from gateway.adapters.stereo.routes.fault_routes import fault_router
+from gateway.adapters.stereo.routes.node_routes import node_router
+from gateway.adapters.stereo.routes.system_routes import system_router
+from gateway.adapters.stereo.routes.truth_routes import truth_router
 from gateway.adapters.stereo.service import StereoService
 from gateway.runtime.kernels.parts import PARTS
+from gateway.runtime.logs import log_setup
 from gateway.runtime.workers.worker_pool import WorkerPool
 from renderers.drawlist import DrawList
 from renderers.interface import Renderer
@@ -122,13 +131,48 @@ async def start(renderer: CpuRenderer) -> AsyncIterator[Start]:
             **fields: Any,
         ) -> Camera:
             drawn = table()
-
             config = StereoConfig(**{"port": 0, "model": SMALL, "look": "phong", **fields})
             return await stack.enter_async_context(
                 running(renderer, config, state or seen(scene or (lambda: (drawn, 1))), pairs=pairs)
             )
 
         yield begin
+
+
+@pytest.fixture
+async def camera(start: Start) -> Camera:
+    return await start()
+
+
+def http_client(*routers: APIRouter) -> httpx.AsyncClient:
+    """Return a client of an application with these routes."""
+    app = FastAPI()
+    for router in routers:
+        app.include_router(router)
+    return httpx.AsyncClient(transport=httpx.ASGITransport(app=app), base_url="http://device")
+
+
+@pytest.fixture
+async def rest_client(camera: Camera) -> AsyncIterator[httpx.AsyncClient]:
+    """A client of all routes of a camera."""
+    routers = (node_router, system_router, truth_router, fault_router)
+    async with http_client(*(router(camera.service) for router in routers)) as client:
+        yield client
+
+
+@pytest.fixture
+def logs() -> Iterator[None]:
+    """Logs as in a gateway."""
+    root = logging.getLogger()
+    handlers, level = root.handlers[:], root.level
+    log_setup.configure("json", "info")
+    yield
+    root.handlers[:], root.level = handlers, level
+    structlog.reset_defaults()
+
+
+def nanoseconds(time: pb.Time) -> int:
+    return time.sec * 10**9 + time.nsec
 
 
 def pixels(image: pb.Image) -> NDArray[Any]:

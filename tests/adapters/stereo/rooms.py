@@ -11,7 +11,7 @@ from gateway.adapters.stereo.device.camera_config import StereoConfig
 from gateway.adapters.stereo.device.parameters import Parameters
 from gateway.adapters.stereo.device.stream_settings import read_settings
 from gateway.adapters.stereo.imaging.matched_depth import matched_depth
-from gateway.adapters.stereo.imaging.rendered_images import GREY, ImageRequest, Imaging
+from gateway.adapters.stereo.imaging.rendered_images import Imaging
 from gateway.adapters.stereo.imaging.scene_view import Capture
 from gateway.scene.tree.transforms import look_at
 from renderers.drawlist import DrawList, Image, Instance, Material, Mesh, Sampler, Texture
@@ -21,6 +21,7 @@ from renderers.stereo.depth.matching import ImagePair
 from renderers.stereo.model import DISPARITY_SCALE
 from renderers.stereo.realism import RealismPart
 from renderers.stereo.sensor.camera_image import NoiseStream
+from tests.adapters.stereo.camera_images import expose
 
 TILE = 12.0
 """Side of the texture on a wall, metres: larger than the walls, so that nothing repeats."""
@@ -77,11 +78,6 @@ class Wall:
     """Share of the pixels up to ``MAX_INCIDENCE`` with valid disparity, NaN if there are few."""
     right: float
     """Share of the same pixels whose disparity is right within 1 pixel, NaN if there are few."""
-    depth: float
-    """Median depth, metres."""
-    incidence: float
-    """Median angle of incidence, degrees."""
-    pixels: int
 
 
 def walls_seen(
@@ -104,8 +100,7 @@ def walls_seen(
     capture = Capture(0, scene, 1, X_world_left, int(projector))
     exposure = imaging.meter(capture, settings).exposure
     left, right_image = (
-        imaging.expose(capture, ImageRequest(exposure, stream, frozenset((GREY,))))[GREY]
-        for stream in (NoiseStream.LEFT_DEPTH, NoiseStream.RIGHT_DEPTH)
+        expose(imaging, capture, exposure, stream) for stream in (NoiseStream.LEFT_DEPTH, NoiseStream.RIGHT_DEPTH)
     )
     disparity = matched_depth(imaging.config, ImagePair(left, right_image, exposure), settings, None).disparity
     seen = imaging.render(capture, 0.0, settings.quality.divisor, Output.DEPTH | Output.NORMAL | Output.INSTANCE)
@@ -131,12 +126,5 @@ def walls_seen(
             fill, right = (
                 float(each[counted].mean()) if counted.sum() >= 1000 else np.nan for each in (disparity > 0, is_right)
             )
-            walls[number] = Wall(
-                float(grey[mask].mean()),
-                fill,
-                right,
-                float(np.median(seen.depth[mask])),
-                float(np.median(incidence[mask])),
-                int(mask.sum()),
-            )
+            walls[number] = Wall(float(grey[mask].mean()), fill, right)
     return walls

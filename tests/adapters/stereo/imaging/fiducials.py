@@ -9,13 +9,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gateway.adapters.stereo.device.camera_config import StereoConfig
-from gateway.adapters.stereo.imaging.rendered_images import ImageRequest, Imaging
+from gateway.adapters.stereo.imaging.rendered_images import Imaging
 from gateway.adapters.stereo.imaging.scene_view import Capture
 from renderers.drawlist import DrawList, Image, Instance, Material, Mesh, Texture
 from renderers.raster import CpuRenderer
 from renderers.stereo.realism import RealismPart
-from renderers.stereo.sensor.camera_image import LENS_BLUR, NoiseStream
+from renderers.stereo.sensor.camera_image import LENS_BLUR
 from renderers.stereo.sensor.exposure import DISPLAY_GAMMA, Exposure
+from tests.adapters.stereo.camera_images import expose
 
 TEXELS: Final = 24
 """Texels per cell of a tag: finer than the pixels of the image."""
@@ -98,8 +99,7 @@ class View:
         )
         material = Material((WHITE, WHITE, WHITE, 1.0), Texture(image), double_sided=True, unlit=True)
         capture = Capture(0, DrawList((Instance(mesh, material, self.pose),), (image,)), 1, np.eye(4), 0, 1)
-        request = ImageRequest(Exposure(), NoiseStream.LEFT, frozenset((False,)))
-        whole = Imaging(self.config, renderer).expose(capture, request)[False].image
+        whole = expose(Imaging(self.config, renderer), capture, Exposure()).image
         return np.ascontiguousarray(whole[self.top : self.top + self.side, self.left : self.left + self.side])
 
     def ideal_image(self) -> NDArray[np.uint8]:

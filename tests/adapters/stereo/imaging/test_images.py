@@ -12,7 +12,7 @@ from gateway.adapters.stereo.device.camera_config import StereoConfig
 from gateway.adapters.stereo.device.parameters import Parameters
 from gateway.adapters.stereo.device.profile import read_profile
 from gateway.adapters.stereo.device.stream_settings import read_settings
-from gateway.adapters.stereo.imaging.rendered_images import ImageRequest, Imaging
+from gateway.adapters.stereo.imaging.rendered_images import Imaging
 from gateway.adapters.stereo.imaging.scene_view import Capture, OtherProjector, SceneState
 from renderers.drawlist import AlphaMode, DrawList, Image, Instance, Material, Mesh, Texture
 from renderers.raster import CpuRenderer
@@ -23,7 +23,7 @@ from renderers.stereo.model import Quality
 from renderers.stereo.sensor.camera_image import NoiseStream, SceneLight, frame_key
 from renderers.stereo.sensor.exposure import AutoExposure, Exposure, auto_exposure
 from tests.adapters.stereo.analytic import plane, sphere
-from tests.adapters.stereo.camera_images import light_of, rendered_grey, sensor_image
+from tests.adapters.stereo.camera_images import expose, light_of, rendered_grey, sensor_image
 from tests.adapters.stereo.scenes import pose, table
 
 MODEL = read_profile("rc_visard_160c").model
@@ -187,11 +187,8 @@ def test_dots_fall_on_what_is_behind_glass_and_not_on_mirrors(renderer: CpuRende
 
     def dots(*boards: Instance) -> NDArray[np.float64]:
         """Return the light that the projector adds in the left image."""
-        request = ImageRequest(Exposure(), NoiseStream.LEFT, frozenset((False,)))
-        low, high = (
-            imaging.expose(Capture(0, DrawList(boards), 1, np.eye(4), gpio), request)[False].image.astype(float)
-            for gpio in (0, 1)
-        )
+        captures = (Capture(0, DrawList(boards), 1, np.eye(4), gpio) for gpio in (0, 1))
+        low, high = (expose(imaging, each, Exposure()).image.astype(float) for each in captures)
         difference: NDArray[np.float64] = high - low
         return difference
 
@@ -224,9 +221,9 @@ def test_another_camera_at_the_same_place_has_the_light_of_the_own_projector(ren
     exposures = [imaging.meter(each, read_settings(Parameters())).exposure for each in (own, other)]
     assert exposures[0].light == pytest.approx(exposures[1].light, rel=0.05)
     for stream in (NoiseStream.LEFT, NoiseStream.RIGHT):
-        request = ImageRequest(Exposure(), stream, frozenset((False,)))
         # Points at the edges are outside the other projector's field of view.
-        images = [imaging.expose(each, request)[False].image[200:-200, 200:-200].astype(float) for each in (own, other)]
+        inside = np.s_[200:-200, 200:-200]
+        images = [expose(imaging, each, Exposure(), stream).image[inside].astype(float) for each in (own, other)]
         assert np.corrcoef(images[0].ravel(), images[1].ravel())[0, 1] > 0.97
         assert images[0].mean() == pytest.approx(images[1].mean(), rel=0.05)
 
@@ -247,9 +244,8 @@ def test_light_of_another_projector_is_fixed_to_surfaces_and_casts_shadows(rende
         dark = Capture(0, DrawList(boards), 1, np.eye(4), 0)
         differences = []
         for stream in (NoiseStream.LEFT, NoiseStream.RIGHT):
-            request = ImageRequest(Exposure(), stream, frozenset((False,)))
             low, high = (
-                imaging.expose(each, request)[False].image.astype(float)
+                expose(imaging, each, Exposure(), stream).image.astype(float)
                 for each in (dark, replace(dark, projectors=(projector,)))
             )
             differences.append(high - low)

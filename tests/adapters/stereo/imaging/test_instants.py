@@ -28,9 +28,8 @@ from gateway.scene.tree.labels import LabelTable
 from gateway.scene.tree.live import LiveTree
 from renderers.drawlist import DrawList, Material
 from renderers.raster import CpuRenderer
-from scenegate.camera import image_interface_pb2 as pb
 from scenegate.messages.geometry import Box
-from tests.adapters.stereo.conftest import SMALL, Start
+from tests.adapters.stereo.conftest import SMALL, Start, nanoseconds
 from tests.adapters.stereo.scenes import pose
 from tests.support.waiting import SECONDS, until
 
@@ -60,17 +59,13 @@ class Scene:
         return self._view.state(timestamp)
 
 
-def nanoseconds(message: pb.Image) -> int:
-    return message.timestamp.sec * NANOSECONDS_PER_SECOND + message.timestamp.nsec
-
-
 async def test_each_exposure_is_read_at_its_own_timestamp(start: Start) -> None:
     scene = Scene()
     scene.move(0.0)
     camera = await start(state=scene.state)
     camera.service.parameters.set("rc_iocontrol", [("out1_mode", "ExposureAlternateActive")])
     (image_set,) = await camera.take(left_enabled=True, disparity_enabled=True)
-    left, disparity = nanoseconds(image_set.left), nanoseconds(image_set.disparity.image)
+    left, disparity = nanoseconds(image_set.left.timestamp), nanoseconds(image_set.disparity.image.timestamp)
     assert disparity - left == ALTERNATE_GAP_NS
     assert {left, disparity} <= set(scene.times)
 
@@ -158,7 +153,7 @@ async def test_a_triggered_exposure_begins_after_the_trigger(start: Start) -> No
     for _ in range(3):
         before = time.time_ns()
         assert camera.service.fire_trigger() == (0, "")
-        exposed = nanoseconds((await depth.read()).disparity.image)
+        exposed = nanoseconds((await depth.read()).disparity.image.timestamp)
         begin = exposed - 0.5 * camera.service.settings.longest_exposure * NANOSECONDS_PER_SECOND
         assert begin >= before - 1_000_000  # the difference of two clocks
 

@@ -10,7 +10,6 @@ import pytest
 from gateway.adapters.stereo.device.camera_config import StereoConfig
 from gateway.adapters.stereo.device.parameters import Parameters
 from gateway.adapters.stereo.device.stream_settings import read_settings
-from gateway.adapters.stereo.imaging.matched_depth import matched_depth
 from gateway.adapters.stereo.imaging.rendered_images import ImageRequest, Imaging
 from gateway.adapters.stereo.imaging.scene_view import Capture, SceneState
 from gateway.demo import Demo
@@ -19,14 +18,12 @@ from gateway.scene.draw.flatten import Flattener
 from gateway.scene.draw.mount import parse_mount_pose
 from gateway.scene.tree.labels import LabelTable
 from gateway.scene.tree.live import LiveTree
-from renderers.interface import Output
 from renderers.raster import CpuRenderer
-from renderers.stereo.depth.depth_images import DepthRange, true_disparity
-from renderers.stereo.depth.matching import ImagePair
 from renderers.stereo.model import Quality
 from renderers.stereo.realism import REALISM_PARTS, RealismPart
 from renderers.stereo.sensor.camera_image import NoiseStream
 from renderers.stereo.sensor.exposure import SATURATED_SHARE
+from tests.adapters.stereo.camera_images import expose, matched_and_true
 from tests.adapters.stereo.conftest import SMALL, Start
 
 ALL = StereoConfig(realism=frozenset(REALISM_PARTS))
@@ -61,9 +58,8 @@ def test_equal_inputs_give_equal_bytes(renderer: CpuRenderer, gpio: int) -> None
 def test_each_part_changes_the_image_by_itself(renderer: CpuRenderer, part: RealismPart) -> None:
     capture = moving_demo(int(part == "projector"))
     exposure = replace(read_settings(Parameters()).manual_exposure, time=0.1, gain=-26.0)
-    request = ImageRequest(exposure, NoiseStream.LEFT, frozenset((False,)))
     without, with_part = (
-        Imaging(StereoConfig(model=SMALL, realism=parts), renderer).expose(capture, request)[False].image
+        expose(Imaging(StereoConfig(model=SMALL, realism=parts), renderer), capture, exposure).image
         for parts in (frozenset[RealismPart](), frozenset((part,)))
     )
     assert (without != with_part).mean() > 0.001
@@ -75,8 +71,7 @@ def test_automatic_exposure_does_not_clip_the_dots(renderer: CpuRenderer) -> Non
         config = StereoConfig(realism=frozenset(parts))
         imaging = Imaging(config, renderer)
         metered = imaging.meter(capture, read_settings(Parameters()))
-        request = ImageRequest(metered.exposure, NoiseStream.LEFT, frozenset((False,)))
-        image = imaging.expose(capture, request)[False]
+        image = expose(imaging, capture, metered.exposure)
         assert (image.image == 255).mean() < SATURATED_SHARE
         assert image.brightness == pytest.approx(metered.brightness, abs=0.08)
         assert image.brightness > 0.2
@@ -84,23 +79,11 @@ def test_automatic_exposure_does_not_clip_the_dots(renderer: CpuRenderer) -> Non
 
 @pytest.mark.parametrize("quality", [Quality.HIGH, Quality.MEDIUM])
 def test_the_projector_keeps_the_demo_matchable(renderer: CpuRenderer, quality: Quality) -> None:
-    capture, model, divisor = moving_demo(1), ALL.model, quality.divisor
-    imaging = Imaging(ALL, renderer)
     settings = replace(read_settings(Parameters()), quality=quality)
-    exposure = imaging.meter(capture, settings).exposure
-    left, right = (
-        imaging.expose(capture, ImageRequest(exposure, stream, frozenset((False,))))[False]
-        for stream in (NoiseStream.LEFT, NoiseStream.RIGHT)
-    )
-    seen = imaging.render(capture, 0.0, divisor, Output.DEPTH)
-    other = imaging.render(capture, model.baseline, divisor, Output.DEPTH)
-    assert seen.depth is not None
-    assert other.depth is not None
-    true = true_disparity(seen.depth, other.depth, model.focal_times_baseline(divisor), DepthRange(0.4, 100.0))
-    measured = matched_depth(imaging.config, ImagePair(left, right, exposure), settings, None)
-    valid = (true > 0) & (measured.disparity > 0)
+    measured, true = matched_and_true(Imaging(ALL, renderer), moving_demo(1), settings)
+    valid = (true > 0) & (measured > 0)
     assert valid.sum() / (true > 0).sum() >= 0.95
-    errors = np.abs(measured.disparity / 16 - true)[valid]
+    errors = np.abs(measured - true)[valid]
     assert (errors > 0.5).mean() < 0.065
     assert (errors > 1.0).mean() < 0.03
 

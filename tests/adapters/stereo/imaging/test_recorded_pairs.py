@@ -7,10 +7,8 @@ from typing import Any
 
 import cv2
 import grpc
-import httpx2 as httpx
 import numpy as np
 import pytest
-from fastapi import FastAPI
 
 from gateway.adapters.stereo.device.camera_config import StereoConfig
 from gateway.adapters.stereo.imaging.pair_files import find_pairs, read_geometry
@@ -25,7 +23,7 @@ from renderers.stereo.sensor.camera_image import NoiseStream, SensorImage
 from renderers.stereo.sensor.exposure import Exposure
 from scenegate.camera import image_interface_pb2 as pb
 from scenegate.camera.files import save
-from tests.adapters.stereo.conftest import SMALL, Start, pixels
+from tests.adapters.stereo.conftest import SMALL, Start, http_client, pixels
 from tests.adapters.stereo.imaging.test_exposure import capture_set
 
 LIMIT = 1_000_000
@@ -75,9 +73,6 @@ async def test_status_and_truth_with_pairs(recorded: pb.ImageSet, start: Start, 
             (tmp_path / f"a_{side}_out1_{level}.png").write_bytes(png(image))
     pairs = RecordedPairs(find_pairs(tmp_path, 10, LIMIT), 270.368, 0.2)
     camera = await start(rate="max", pairs=pairs)
-    app = FastAPI()
-    for router in (node_router, system_router, truth_router):
-        app.include_router(router(camera.service))
     camera.service.parameters.set("rc_iocontrol", [("out1_mode", "ExposureAlternateActive")])
     image_set = await capture_set(camera, left_enabled=True, disparity_enabled=True, color=True)
     assert (pixels(image_set.left)[:, :, 1] == left // 2).all()
@@ -87,7 +82,7 @@ async def test_status_and_truth_with_pairs(recorded: pb.ImageSet, start: Start, 
     camera.service.parameters.set("rc_iocontrol", [("out1_mode", "High")])
     lit = await capture_set(camera, left_enabled=True)
     assert (pixels(lit.left) == left).all()
-    async with httpx.AsyncClient(transport=httpx.ASGITransport(app=app), base_url="http://camera") as client:
+    async with http_client(*(each(camera.service) for each in (node_router, system_router, truth_router))) as client:
         status = (await client.get("/api/v2/pipelines/0/nodes/rc_camera/status")).json()["values"]
         assert (status["test"], status["baseline"]) == ("1", "0.2")
         assert (await client.get("/api/v2/system")).json()["model_name"] == "rc_test"
@@ -110,7 +105,8 @@ def test_images_have_limits() -> None:
         bomb.image(0, high=False, right=False)
     blank = png(np.zeros((64, 64), np.uint8))
     for left, right, high, what in (
-        (blank, png(np.zeros((32, 32), np.uint8)), None, "32x32"),
+        (blank, png(np.zeros((32, 64), np.uint8)), None, "has 64x32 pixels, the first one 64x64"),
+        (blank, png(np.zeros((64, 32), np.uint8)), None, "has 32x64 pixels, the first one 64x64"),
         (blank, blank, (blank, b"broken"), "right image of pair 1"),
         (png(np.zeros((8, 8), np.uint8)), png(np.zeros((8, 8), np.uint8)), None, "8x8"),
     ):

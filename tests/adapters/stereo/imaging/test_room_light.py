@@ -12,7 +12,7 @@ import pytest
 from numpy.typing import NDArray
 
 from gateway.adapters.stereo.device.camera_config import StereoConfig
-from gateway.adapters.stereo.imaging.rendered_images import GREY, ImageRequest, Imaging
+from gateway.adapters.stereo.imaging.rendered_images import Imaging
 from gateway.adapters.stereo.imaging.scene_view import Capture, SceneView
 from gateway.files.assets.mesh_formats import MESH_LIMITS, parse_mesh
 from gateway.scene.draw.flatten import Flattener
@@ -25,9 +25,9 @@ from renderers.drawlist import Light, LightKind, Material
 from renderers.raster import CpuRenderer
 from renderers.stereo.light.levels import LightLevels
 from renderers.stereo.realism import REALISM_PARTS, RealismPart
-from renderers.stereo.sensor.camera_image import NoiseStream
 from renderers.stereo.sensor.exposure import Exposure
 from scenegate.messages.geometry import Box
+from tests.adapters.stereo.camera_images import expose
 from tests.adapters.stereo.conftest import SMALL
 from tests.adapters.stereo.rooms import noise_texture, room, walls_seen
 
@@ -37,14 +37,14 @@ L_SHAPE = [(0.0, 0.0), (6.0, 0.0), (6.0, 2.0), (2.0, 2.0), (2.0, 6.0), (0.0, 6.0
 HEIGHT = 2.6
 
 
-@pytest.mark.parametrize("realism", [(), REALISM_PARTS], ids=["off", "all"])
 @pytest.mark.parametrize(
-    ("corners", "eye", "target"),
+    ("corners", "eye", "target", "realism"),
     [
-        (BOX, (-2.5, 0.0, 1.2), (3.0, 0.0, 1.2)),
-        (BOX, (-2.0, -1.0, 1.2), (3.0, 2.0, 1.2)),
-        (CORRIDOR, (-5.5, 0.0, 1.2), (6.0, 0.0, 1.2)),
-        (L_SHAPE, (1.0, 1.0, 1.2), (6.0, 1.0, 1.2)),
+        (BOX, (-2.5, 0.0, 1.2), (3.0, 0.0, 1.2), ()),
+        (BOX, (-2.0, -1.0, 1.2), (3.0, 2.0, 1.2), REALISM_PARTS),
+        (CORRIDOR, (-5.5, 0.0, 1.2), (6.0, 0.0, 1.2), ()),
+        (CORRIDOR, (-5.5, 0.0, 1.2), (6.0, 0.0, 1.2), REALISM_PARTS),
+        (L_SHAPE, (1.0, 1.0, 1.2), (6.0, 1.0, 1.2), REALISM_PARTS),
     ],
 )
 def test_every_wall_is_lit_and_measured(
@@ -88,20 +88,16 @@ def light_image(renderer: CpuRenderer, levels: LightLevels, *lights: Light) -> N
     """Return the light in a grey image of the plain room without noise, white is 1."""
     config = StereoConfig(model=SMALL, noise=False, light=levels)
     pose = look_at((-2.5, 0.0, 1.2), (3.0, 0.0, 1.2), (0.0, 0.0, 1.0))
-    request = ImageRequest(Exposure(0.005), NoiseStream.LEFT, frozenset((GREY,)))
     capture = Capture(0, replace(room(BOX, HEIGHT, None), lights=lights), 1, pose, 0)
-    return Imaging(config, renderer).expose(capture, request)[GREY].image / 255.0
+    return expose(Imaging(config, renderer), capture, Exposure(0.005)).image / 255.0
 
 
 def test_light_adds_up(renderer: CpuRenderer) -> None:
     dark = LightLevels(lamp=0.0, sky=0.0, ground=0.0)
     lamp, ambient = replace(dark, lamp=1.0), replace(dark, sky=2.0, ground=1.0)
     spot = Light(LightKind.SPOT, (1.0, 1.0, 1.0), 8.0, (2.0, 0.0, 2.5), (0.0, 0.0, -1.0), outer_cone=0.4)
-    by_lamp, by_ambient, by_spot = (
-        light_image(renderer, lamp),
-        light_image(renderer, ambient),
-        light_image(renderer, dark, spot),
-    )
+    by_lamp, by_ambient = light_image(renderer, lamp), light_image(renderer, ambient)
+    by_spot = light_image(renderer, dark, spot)
     together = light_image(renderer, replace(ambient, lamp=1.0), spot)
     rest = light_image(renderer, dark)
     assert np.abs(together - (by_lamp + by_ambient + by_spot - 2 * rest)).max() < 0.02  # rounding of four images
@@ -133,7 +129,6 @@ def test_a_light_of_a_file_shines_from_its_node_while_it_is_shown(renderer: CpuR
     view = SceneView(tree, Flattener(LabelTable()), Mount(pose))
     camera = SMALL.camera(pose, offset=0.0, divisor=1, near=0.01, far=100.0)
     config = StereoConfig(model=SMALL, noise=False, light=LightLevels(lamp=0.0, sky=0.0, ground=0.0))
-    request = ImageRequest(Exposure(0.005), NoiseStream.LEFT, frozenset((GREY,)))
     warnings: list[str] = []
     down = [-math.sqrt(0.5), 0.0, 0.0, math.sqrt(0.5)]  # from -z to -y, which is down in glTF
     parts = parse_mesh(spot_file(rotation=down), "gltf", lambda name: b"", MESH_LIMITS, warnings)
@@ -142,7 +137,7 @@ def test_a_light_of_a_file_shines_from_its_node_while_it_is_shown(renderer: CpuR
     def lit_at(*places: float) -> list[float]:
         """Return the grey on the floor at places (x, 0, 0)."""
         capture = Capture(0, view.state().scene, 1, pose, 0)
-        image = Imaging(config, renderer).expose(capture, request)[GREY].image
+        image = expose(Imaging(config, renderer), capture, Exposure(0.005)).image
         found = []
         for x in places:
             point = camera.X_camera_world @ (x, 0.0, 0.0, 1.0)

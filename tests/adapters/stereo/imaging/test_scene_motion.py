@@ -9,7 +9,7 @@ import pytest
 from numpy.typing import NDArray
 
 from gateway.adapters.stereo.device.camera_config import StereoConfig
-from gateway.adapters.stereo.imaging.rendered_images import ImageRequest, Imaging
+from gateway.adapters.stereo.imaging.rendered_images import Imaging
 from gateway.adapters.stereo.imaging.scene_motion import (
     MAX_SUBFRAMES,
     Motion,
@@ -25,9 +25,9 @@ from gateway.scene.tree.transforms import from_pose
 from renderers.drawlist import DrawList
 from renderers.raster import CpuRenderer
 from renderers.stereo.lens.motion_blur import poses_at
-from renderers.stereo.sensor.camera_image import NoiseStream
 from renderers.stereo.sensor.exposure import Exposure
 from scenegate.messages.geometry import Box
+from tests.adapters.stereo.camera_images import expose
 from tests.adapters.stereo.conftest import SMALL
 from tests.adapters.stereo.scenes import part
 
@@ -63,9 +63,7 @@ def image(
     capture = Capture(FRAME_NS, now, 2, pose, 0, 2, earlier)
     # The exposure's brightness stays the same at every exposure time.
     exposure = Exposure(time, 20.0 * np.log10(0.005 / time))
-    request = ImageRequest(exposure, NoiseStream.LEFT, frozenset((False,)))
-    grey = Imaging(config, renderer).expose(capture, request)[False].image
-    return grey / 255.0
+    return expose(Imaging(config, renderer), capture, exposure).image / 255.0
 
 
 def edge_width(light: NDArray[np.float64]) -> float:

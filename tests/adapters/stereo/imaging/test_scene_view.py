@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-import pytest
 
 from gateway.adapters.stereo.device.camera_config import StereoConfig
 from gateway.adapters.stereo.imaging.scene_view import SceneView, state_before
-from gateway.scene.draw.cameras import CameraError
 from gateway.scene.draw.flatten import Flattener
 from gateway.scene.draw.mount import Mount
 from gateway.scene.tree import transforms as tf
@@ -59,25 +57,6 @@ def test_a_missing_node_is_a_warning_and_the_last_pose_is_kept() -> None:
     assert "no such node" in view.warnings()[0]
 
 
-def test_earlier_scenes_do_not_move_a_camera_whose_node_is_missing() -> None:
-    tree = LiveTree()
-    view, snapshots = view_of(tree), []
-    for x in (1, 2):
-        with tree.edit() as edit:
-            edit.set_matrix(("head",), tf.translation(x, 0, 0))
-        snapshots.append(tree.snapshot)
-    with tree.edit() as edit:
-        edit.delete(("head",))
-    shown = [view.pose_in(snapshot)[0, 3] for snapshot in (snapshots[1], snapshots[0], tree.snapshot)]
-    assert shown == [2, 1, 2]
-
-
-def test_a_fixed_camera_never_warns() -> None:
-    view = SceneView(LiveTree(), Flattener(LabelTable()), Mount(tf.translation(1, 2, 3)))
-    assert view.warnings() == []
-    assert view.state().X_world_left[:3, 3].tolist() == [1, 2, 3]
-
-
 def test_a_camera_on_an_inner_node_moves_with_its_ancestors() -> None:
     tree = LiveTree()
     view = SceneView(tree, Flattener(LabelTable()), Mount(np.eye(4), ("robot", "head")))
@@ -124,13 +103,7 @@ def test_a_camera_that_is_placed_elsewhere_was_not_moving() -> None:
     last = view.state(40_000_000)
     view.place(tf.translation(2, 0, 0))
     now = view.state(80_000_000)
+    assert view.warnings() == []
     assert now.X_world_left[:3, 3].tolist() == [2, 0, 0]
     earlier = state_before(now, last, view.state)
     assert earlier.X_world_left[:3, 3].tolist() == [2, 0, 0]
-
-
-def test_a_camera_on_a_node_cannot_be_placed() -> None:
-    view = view_of(LiveTree())
-    with pytest.raises(CameraError, match="head"):
-        view.place(tf.translation(1, 0, 0))
-    assert view.state().X_world_left[:3, 3].tolist() == [9, 9, 9]

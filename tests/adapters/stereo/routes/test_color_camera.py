@@ -11,7 +11,6 @@ import grpc
 import httpx2 as httpx
 import numpy as np
 import pytest
-from fastapi import FastAPI
 from numpy.typing import NDArray
 
 from gateway.adapters.stereo.device.parameter_specs import DeviceLimits
@@ -26,7 +25,7 @@ from renderers.drawlist import DrawList, Material
 from renderers.stereo.lens.color_camera import ColorCamera
 from renderers.stereo.model import Intrinsics, Quality
 from scenegate.messages.geometry import Box
-from tests.adapters.stereo.conftest import SMALL, Camera, Start, pixels
+from tests.adapters.stereo.conftest import SMALL, Camera, Start, http_client, pixels
 from tests.adapters.stereo.scenes import pose
 
 WIDE = Intrinsics(400, 300, 300.0, 200.0, 150.0)
@@ -46,10 +45,7 @@ def moving_box(x: float) -> DrawList:
 
 
 async def get(camera: Camera, path: str) -> httpx.Response:
-    app = FastAPI()
-    app.include_router(camera_router(camera.service))
-    transport = httpx.ASGITransport(app)
-    async with httpx.AsyncClient(transport=transport, base_url="http://gateway") as client:
+    async with http_client(camera_router(camera.service)) as client:
         return await client.get(path)
 
 

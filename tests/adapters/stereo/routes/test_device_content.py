@@ -5,9 +5,7 @@ from __future__ import annotations
 import time
 from typing import Any
 
-import httpx2 as httpx
 import pytest
-from fastapi import APIRouter, FastAPI
 
 from gateway.adapters.stereo.routes import device_content as device
 from gateway.adapters.stereo.routes.fault_routes import fault_router
@@ -15,17 +13,10 @@ from gateway.adapters.stereo.routes.system_routes import system_router
 from gateway.adapters.stereo.routes.truth_routes import truth_router
 from gateway.adapters.stereo.stream.faults import Faults
 from renderers.stereo.model import StereoModel
-from tests.adapters.stereo.conftest import Camera, Start
+from tests.adapters.stereo.conftest import Camera, Start, http_client
 from tests.support.waiting import until
 
 OTHER = StereoModel("other", 160, 120, 0.75, 0.065)
-
-
-def client(*routes: APIRouter) -> httpx.AsyncClient:
-    app = FastAPI()
-    for router in routes:
-        app.include_router(router)
-    return httpx.AsyncClient(transport=httpx.ASGITransport(app=app), base_url="http://device")
 
 
 def status_values(camera: Camera, node: str) -> dict[str, str]:
@@ -39,42 +30,17 @@ async def test_status_of_an_idle_camera(start: Start) -> None:
     values = status_values(camera, "rc_camera")
     sigma = camera.service.last_metered.exposure.noise_sigma(128.0)
     assert float(values.pop("noise")) == pytest.approx(0.5 * sigma)
+    assert status_values(await start(noise=False), "rc_camera")["noise"] == "0"
     assert values == {
-        "exp": "0.005",
-        "gain": "6",
-        "gamma": "1",
-        "brightness": "0",
-        "out1_reduction": "0",
-        "fps": "0",
-        "width": "320",
-        "height": "240",
-        "focal": "0.8449",
-        "baseline": "0.16",
-        "color": "1",
-        "temp_left": "35",
-        "temp_right": "35",
-        "test": "0",
-        "time": "0",
-        "params_override_active": "0",
-        "selfcalib_counter": "0",
+        "exp": "0.005", "gain": "6", "gamma": "1", "brightness": "0", "out1_reduction": "0", "fps": "0",
+        "width": "320", "height": "240", "focal": "0.8449", "baseline": "0.16", "color": "1", "temp_left": "35",
+        "temp_right": "35", "test": "0", "time": "0", "params_override_active": "0", "selfcalib_counter": "0",
         "selfcalib_offset": "0",
-    }
+    }  # fmt: skip
     values = status_values(camera, "rc_stereomatching")
     assert float(values.pop("mindepth")) > 0.0
-    assert values == {
-        "fps": "0",
-        "latency": "0",
-        "time_matching": "0",
-        "time_postprocessing": "0",
-        "width": "160",
-        "height": "120",
-        "maxdepth": "100",
-        "reduced_depth_range": "0",
-    }
-
-
-async def test_noise_is_0_without_noise(start: Start) -> None:
-    assert status_values(await start(noise=False), "rc_camera")["noise"] == "0"
+    zero = ("fps", "latency", "time_matching", "time_postprocessing", "reduced_depth_range")
+    assert values == {**dict.fromkeys(zero, "0"), "width": "160", "height": "120", "maxdepth": "100"}
 
 
 @pytest.mark.parametrize(
@@ -108,28 +74,10 @@ async def test_outputs(start: Start, out1: str, out2: str, bits: int) -> None:
     stamp = response.pop("timestamp")
     assert abs(stamp["sec"] + 1e-9 * stamp["nsec"] - time.time()) < 1000.0
     assert 0 <= stamp["nsec"] < 10**9
-    assert response == {
-        "values": bits,
-        "input_mask": 12,
-        "output_mask": 3,
-        "inverter_mask": 0,
-        "ratio_mask": 0,
-        "return_code": {"value": 0, "message": ""},
-    }
-    assert status_values(camera, "rc_iocontrol") == {
-        "out1": str(bits & 1),
-        "out2": str(bits >> 1),
-        "in1": "0",
-        "in2": "0",
-    }
-
-
-async def test_a_reset_reports_success(start: Start) -> None:
-    camera = await start()
-    camera.service.parameters.set("rc_camera", [("fps", 5.0)])
-    response = await device.call_service(camera.service, "rc_camera", "reset_defaults", {})
-    assert response == {"name": "reset_defaults", "response": {"return_code": {"value": 0, "message": ""}}}
-    assert camera.service.parameters.values("rc_camera")["fps"] == 25.0
+    masks = {"input_mask": 12, "output_mask": 3, "inverter_mask": 0, "ratio_mask": 0}
+    assert response == {"values": bits, **masks, "return_code": {"value": 0, "message": ""}}
+    levels = {"out1": str(bits & 1), "out2": str(bits >> 1), "in1": "0", "in2": "0"}
+    assert status_values(camera, "rc_iocontrol") == levels
 
 
 async def test_system_information_is_that_of_the_first_camera(start: Start) -> None:
@@ -146,19 +94,14 @@ async def test_system_information_is_that_of_the_first_camera(start: Start) -> N
     assert system["network"]["settings"]["dhcp_enabled"]
     assert not system["network"]["settings"]["persistent_ip_enabled"]
     assert (system["ntp"]["enabled"], system["ntp"]["synchronized"], system["ui_lock"]["enabled"]) == (False,) * 3
-    assert system["ptp_status"] == {
-        "master_ip": "",
-        "offset": 0.0,
-        "offset_dev": 0.0,
-        "offset_mean": 0.0,
-        "state": "off",
-    }
+    offsets = dict.fromkeys(("offset", "offset_dev", "offset_mean"), 0.0)
+    assert system["ptp_status"] == {"master_ip": "", "state": "off", **offsets}
     listed = {
         "0": {"type": "rc_visard", "model_name": "small", "ready": True},
         "1": {"type": "rc_visard", "model_name": "other", "ready": True},
     }
     assert system["pipelines"]["config"] == {"max_pipelines": 2, "pending_changes": False, "pipelines": listed}
-    async with client(system_router(*services)) as rest:
+    async with http_client(system_router(*services)) as rest:
         assert (await rest.get("/api/v2/pipelines")).json() == listed
         assert (await rest.get("/api/v2/pipelines/1")).json() == listed["1"]
         assert (await rest.get("/api/v2/pipelines/2")).status_code == 404
@@ -168,7 +111,7 @@ async def test_system_information_is_that_of_the_first_camera(start: Start) -> N
 async def test_the_pipeline_of_a_request(start: Start) -> None:
     cameras = [await start(faults=True), await start(faults=True, model=OTHER)]
     first, second = (camera.service for camera in cameras)
-    async with client(fault_router(first, second), truth_router(first, second)) as rest:
+    async with http_client(fault_router(first, second), truth_router(first, second)) as rest:
         await rest.put("/stereo/faults", json={"drop": 0.25})
         await rest.put("/stereo/faults?pipeline=1", json={"drop": 0.5})
         assert first.injector is not None

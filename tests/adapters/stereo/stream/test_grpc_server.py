@@ -31,7 +31,7 @@ async def test_rejects_undecodable_requests(start: Start, method: str) -> None:
 async def test_health_and_reflection(start: Start) -> None:
     camera = await start()
     stub = health_pb2_grpc.HealthStub(camera.channel)
-    for name in ("", "ImageInterface"):
+    for name in ("", "ImageInterface", "ImageEventsInterface"):
         response = await stub.Check(health_pb2.HealthCheckRequest(service=name))
         assert response.status == health_pb2.HealthCheckResponse.SERVING
 

@@ -7,12 +7,11 @@ from typing import TypeAlias
 
 import grpc
 import pytest
-from grpc_health.v1 import health_pb2, health_pb2_grpc
 
 from gateway.adapters.stereo.stream.event_queues import EventHub
 from gateway.adapters.stereo.stream.image_messages import depth_acquisition_done
 from scenegate.camera import image_interface_pb2 as pb
-from tests.adapters.stereo.conftest import Camera, Start
+from tests.adapters.stereo.conftest import Camera, Start, nanoseconds
 from tests.support.waiting import SECONDS, until
 
 Call: TypeAlias = "grpc.aio.UnaryStreamCall[pb.ImageEventsRequest, pb.ImageEvents]"
@@ -34,15 +33,11 @@ async def test_an_event_for_every_depth_set(start: Start) -> None:
     sets = camera.stream(disparity_enabled=True)
     for _ in range(3):
         image_set, event = await sets.read(), await events.read()
-        while (event.imageset_timestamp.sec, event.imageset_timestamp.nsec) < (
-            image_set.timestamp.sec,
-            image_set.timestamp.nsec,
-        ):
+        while nanoseconds(event.imageset_timestamp) < nanoseconds(image_set.timestamp):
             event = await events.read()
         assert event.HasField("depth_acquisition_done")
         assert image_set.timestamp == event.imageset_timestamp
-        done, taken = event.depth_acquisition_done.timestamp, event.imageset_timestamp
-        assert (done.sec, done.nsec) >= (taken.sec, taken.nsec)
+        assert nanoseconds(event.depth_acquisition_done.timestamp) >= nanoseconds(event.imageset_timestamp)
 
 
 async def test_no_event_for_camera_images(start: Start) -> None:
@@ -78,7 +73,7 @@ async def test_static_scenes_are_done_after_the_last_of_eight_images(start: Star
     event = await events.read()
     await sets.read()
     done, taken = event.depth_acquisition_done.timestamp, event.imageset_timestamp
-    assert (done.sec - taken.sec) * 10**9 + done.nsec - taken.nsec == 7 * 40_000_000
+    assert nanoseconds(done) - nanoseconds(taken) == 7 * 40_000_000
 
 
 async def test_slow_clients_get_the_newest_events_and_clients_are_limited(start: Start) -> None:
@@ -117,11 +112,3 @@ async def test_streams_of_events_end_with_the_reason_when_the_camera_shuts_down(
         await events.read()
     assert ended.value.code() == grpc.StatusCode.UNAVAILABLE
     await asyncio.gather(camera.task, return_exceptions=True)
-
-
-async def test_the_events_service_is_healthy(start: Start) -> None:
-    camera = await start()
-    response = await health_pb2_grpc.HealthStub(camera.channel).Check(
-        health_pb2.HealthCheckRequest(service="ImageEventsInterface")
-    )
-    assert response.status == health_pb2.HealthCheckResponse.SERVING

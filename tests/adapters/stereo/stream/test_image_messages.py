@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 
 from gateway.adapters.stereo.device.camera_config import StereoConfig
@@ -68,6 +68,7 @@ def test_meshes_and_disparities_are_wrapped() -> None:
     assert image_set.disparity.image.width == 1
 
 
+@example(0)
 @given(st.integers(0, 2**63))
 def test_varints_equal_protobufs(value: int) -> None:
     # int64 would be signed; a uint64 field is not in the protocol, so the reader is this.
@@ -75,12 +76,6 @@ def test_varints_equal_protobufs(value: int) -> None:
     assert read == value
     assert all(byte & 0x80 for byte in messages.varint(value)[:-1])
     assert not messages.varint(value)[-1] & 0x80
-
-
-@given(st.lists(st.binary(max_size=50), max_size=8), st.integers(1, 100))
-def test_joins_are_concatenations(chunks: list[bytes], times: int) -> None:
-    large = [chunk * 100_000 if i == times % 8 else chunk for i, chunk in enumerate(chunks)]
-    assert messages.join([memoryview(c) if i % 2 else c for i, c in enumerate(large)]) == b"".join(large)
 
 
 requests = st.builds(
@@ -134,18 +129,6 @@ def test_equivalent_requests_are_one_kind() -> None:
 @pytest.mark.parametrize("value", [1, 127, 128, 129, 255, 256, 16_383, 16_384, 16_385, 2**31, 2**32 - 1])
 def test_numbers_are_protobufs(value: int) -> None:
     assert messages.varint(value) == pb.Gpios(inputs=value).SerializeToString()[1:]
-
-
-def test_the_smallest_and_the_longest_number() -> None:
-    assert messages.varint(0) == b"\0"
-    assert messages.varint(2**63) == 9 * b"\x80" + b"\x01"
-
-
-@pytest.mark.parametrize("length", [0, 127, 128, 300])
-def test_the_length_of_a_field(length: int) -> None:
-    (head, data) = messages.field(15, [bytes(length)])
-    assert bytes(head) == bytes([15 << 3 | 2]) + messages.varint(length)
-    assert len(data) == length
 
 
 @pytest.mark.parametrize("extra", [-1, 0, 1])

@@ -8,22 +8,13 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from gateway.adapters.stereo.device.camera_config import StereoConfig
-from gateway.adapters.stereo.device.parameter_specs import NODES, Spec
-from gateway.adapters.stereo.device.parameters import ParameterError, check_value
-from gateway.adapters.stereo.device.stream_settings import Region
-from gateway.adapters.stereo.device.timestamps import parse_timestamp
 from gateway.adapters.stereo.imaging.recorded_pairs import Pair, PairSequence
-from gateway.adapters.stereo.stream.faults import FaultInjector, Faults
-from gateway.adapters.stereo.stream.set_kind import ImageRequestError, read_set_kind
 from renderers.drawlist import ImageError
 from renderers.encode import png_gray8
 from renderers.stereo.depth.depth_images import DepthImages, DepthRange, true_disparity
 from renderers.stereo.depth.filters import Filters, apply_filters
 from renderers.stereo.mesh.disparity_mesh import MeshOptions, disparity_mesh, smallest_bin_size
-from renderers.stereo.model import Intrinsics, StereoModel
-from scenegate.camera import image_interface_pb2 as pb
-from tests.support.waiting import until
+from renderers.stereo.model import Intrinsics
 
 
 def depth(*rows: list[float]) -> NDArray[np.float32]:
@@ -57,30 +48,6 @@ def test_points_are_occluded_beyond_one_pixel_of_disparity() -> None:
     assert not true_disparity(z, np.full_like(z, 1.9), 4.0, limits).any()
     lower = np.vstack((np.full(3, 1.9), np.full(3, 2.0))).astype(np.float32)
     assert true_disparity(z, lower, 4.0, limits).any(axis=1).tolist() == [False, True]
-
-
-@pytest.mark.parametrize("size", [(16, 16), (8192, 8192)])
-def test_smallest_and_largest_models(size: tuple[int, int]) -> None:
-    for factor, baseline in ((0.05, 1e-4), (20.0, 100.0)):
-        assert StereoModel("x", *size, factor, baseline).intrinsics().height == size[1]
-
-
-@pytest.mark.parametrize(
-    ("values", "message"),
-    [
-        ((15, 16, 1.0, 0.1), "size 15x16"),
-        ((16, 15, 1.0, 0.1), "size 16x15"),
-        ((8193, 16, 1.0, 0.1), "size 8193x16"),
-        ((16, 8193, 1.0, 0.1), "size 16x8193"),
-        ((16, 16, 0.049, 0.1), "focal_factor 0.049"),
-        ((16, 16, 20.1, 0.1), "focal_factor 20.1"),
-        ((16, 16, 1.0, 0.00009), "baseline 9e-05"),
-        ((16, 16, 1.0, 100.1), "baseline 100.1"),
-    ],
-)
-def test_rejects_models_beyond_the_limits(values: tuple[int, int, float, float], message: str) -> None:
-    with pytest.raises(ValueError, match=message):
-        StereoModel("x", *values)
 
 
 @pytest.mark.parametrize(("step", "filled"), [(32, True), (33, False)])
@@ -128,80 +95,6 @@ def test_cells_are_connected_up_to_two_pixels(step: int, count: int, triangles: 
 )
 def test_bins_meet_the_number_of_points(size: tuple[int, int], max_points: int, n: int) -> None:
     assert smallest_bin_size(*size, max_points) == n
-
-
-def test_regions_cover_partly_covered_pixels() -> None:
-    assert Region(8, 17, 9, 6).slices(8) == (slice(2, 3), slice(1, 3))
-    assert Region(0, 16, 8, 8).slices(8) == (slice(2, 3), slice(0, 1))
-    assert Region(5, 3, 2, 1).slices(1) == (slice(3, 4), slice(5, 7))
-
-
-@pytest.mark.parametrize("spec", [s for specs in NODES.values() for s in specs.values()], ids=lambda s: s.name)
-def test_parameters_include_their_limits(spec: Spec) -> None:
-    if spec.type == "string":
-        with pytest.raises(ParameterError, match=spec.name):
-            check_value(spec, "")
-        return
-    assert check_value(spec, spec.minimum) == spec.minimum
-    assert check_value(spec, spec.maximum) == spec.maximum
-    step = 1 if spec.type in ("int32", "bool") else 1e-9
-    for beyond in (float(spec.minimum) - step, float(spec.maximum) + step):
-        with pytest.raises(ParameterError, match=spec.name):
-            check_value(spec, beyond)
-
-
-def test_the_minimum_of_mesh_points() -> None:
-    def mesh(points: int) -> pb.ImageSetRequest:
-        return pb.ImageSetRequest(mesh_enabled=True, mesh_options=pb.MeshOptions(max_points=points))
-
-    for points in (0, 1000):
-        kind = read_set_kind(mesh(points), StereoConfig())
-        assert kind.mesh is not None
-        assert kind.mesh.max_points == points
-    for points in (1, 999):
-        with pytest.raises(ImageRequestError, match=f"max_points is {points}; the minimum is 1000"):
-            read_set_kind(mesh(points), StereoConfig())
-
-
-def test_timestamps_have_twelve_and_nine_digits() -> None:
-    assert parse_timestamp("999999999999.999999999") == 10**21 - 1
-    assert parse_timestamp("1.5") == 1_500_000_000
-    for text in ("1000000000000.0", "1.0000000000", "", ".5", "-1", "1e5", "1.-5"):
-        with pytest.raises(ValueError, match="is not like"):
-            parse_timestamp(text)
-
-
-async def test_delayed_sets_up_to_the_exact_limit() -> None:
-    injector, delivered = FaultInjector(0, 100), list[str]()
-    injector.set(Faults(delay=0.02))
-    injector.deliver(1, bytes(60), lambda: delivered.append("60"))
-    injector.deliver(2, bytes(40), lambda: delivered.append("40"))
-    injector.deliver(3, bytes(1), lambda: delivered.append("1"))
-    assert injector.dropped == 1
-    await until(lambda: len(delivered) == 2)
-    assert delivered == ["60", "40"]
-    injector.deliver(4, bytes(100), lambda: delivered.append("100"))
-    assert injector.dropped == 1
-
-
-def test_injected_clock_offsets() -> None:
-    injector = FaultInjector(0, 0)
-    injector.set(Faults(clock_offset=-1.5))
-    assert injector.timestamp(4_000_000_000) == 2_500_000_000
-    assert injector.timestamp(1) == 0
-    injector.set(Faults(clock_frozen=True))
-    assert (injector.timestamp(7), injector.timestamp(9)) == (7, 7)
-    injector.set(Faults())
-    assert injector.timestamp(9) == 9
-
-
-@pytest.mark.parametrize("shape", [(21, 20), (20, 21)])
-def test_rejects_pairs_of_different_sizes(shape: tuple[int, int]) -> None:
-    first, other = png_gray8(np.zeros((20, 20), np.uint8)), png_gray8(np.zeros(shape, np.uint8))
-    pairs = PairSequence([Pair((first, other))], 10_000)
-    assert pairs.image(0, high=False, right=False).shape == (20, 20, 3)
-    with pytest.raises(ImageError, match=f"has {shape[1]}x{shape[0]} pixels, the first one 20x20"):
-        pairs.image(0, high=False, right=True)
 
 
 def test_pairs_repeat_and_are_limited_in_pixels() -> None:

@@ -15,8 +15,6 @@ from gateway.adapters.stereo.imaging.scene_view import Capture
 from gateway.adapters.stereo.routes.truth_routes import find_frame
 from gateway.adapters.stereo.stream.faults import FaultInjector, Faults
 from gateway.adapters.stereo.stream.frame import FrameRecord
-from gateway.adapters.stereo.stream.image_messages import time_message
-from scenegate.camera import image_interface_pb2 as pb
 
 
 def record(number: int, camera: int, depth: int) -> FrameRecord:
@@ -57,12 +55,6 @@ def test_frames_are_found_by_both_of_their_timestamps() -> None:
     )
     with pytest.raises(LookupError, match="no frame was taken yet"):
         find_frame([], None)
-
-
-def test_timestamps_in_messages() -> None:
-    assert time_message(0) == pb.Time()
-    assert time_message(999_999_999) == pb.Time(nsec=999_999_999)
-    assert time_message(10**9) == pb.Time(sec=1)
 
 
 def test_wrong_clocks() -> None:
