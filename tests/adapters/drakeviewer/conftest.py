@@ -6,8 +6,10 @@ from gateway.adapters.drakeviewer import wire
 from gateway.adapters.drakeviewer.config import DrakeViewerConfig
 from gateway.adapters.drakeviewer.viewer import DrakeViewer
 from gateway.files.assets.mesh_files import MeshFiles
+from gateway.scene.tree.geometry import Part
 from gateway.scene.tree.live import LiveTree
 from gateway.scene.tree.nodes import Node, Path
+from tests.adapters.drakeviewer.encoding import draw, link, load
 
 
 class Viewer(DrakeViewer):
@@ -20,6 +22,12 @@ class Viewer(DrakeViewer):
     def problem(self, channel: str, message: wire.Message) -> str:
         """Handle a message; return the reasons why something is not shown, an empty string for none."""
         return "; ".join(self.handle(channel, message))
+
+    def show(self, *shapes: bytes) -> tuple[Part, ...]:
+        """Load and draw shapes, of which all can be shown; return their parts."""
+        assert self.problem("DRAKE_VIEWER_LOAD_ROBOT", load(link("world", 0, *shapes))) == ""
+        self.handle("DRAKE_VIEWER_DRAW", draw({}))
+        return self.node("illustration", "world").parts or ()
 
     def node(self, *path: str) -> Node:
         """Return the node below ``drake``."""

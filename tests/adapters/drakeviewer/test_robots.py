@@ -35,12 +35,13 @@ from tests.adapters.drakeviewer.encoding import (
     link,
     load,
     point_contact,
-)
+)  # fmt: skip
 
 LOAD, DRAW = "DRAKE_VIEWER_LOAD_ROBOT", "DRAKE_VIEWER_DRAW"
 BALL = geometry(SPHERE, [0.5])
 POSE = (1.0, 2.0, 3.0, 0.5, 0.5, 0.5, 0.5)
 OBJ = "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 3 2\nf 1 2 4\nf 1 4 3\nf 2 3 4\n"
+WITH_MATERIAL, RED = f"mtllib t.mtl\nusemtl red\n{OBJ}", "newmtl red\nKd 1 0 0\n"
 
 
 def test_links_are_named_by_source_model_and_link(viewer: Viewer) -> None:
@@ -76,16 +77,9 @@ def test_shapes_colors_and_their_poses(viewer: Viewer) -> None:
         geometry(ELLIPSOID, [1, 2, 4]),
         geometry(MESH, TETRAHEDRON),
     ]
-    viewer.handle(LOAD, load(link("world", 0, *shapes)))
-    viewer.handle(DRAW, draw({}))
-    parts = viewer.node("illustration", "world").parts or ()
-    assert [part.shape for part in parts[:5]] == [
-        Box((1, 2, 3)),
-        Sphere(0.5),
-        Cylinder(0.5, 2),
-        Capsule(0.25, 1),
-        Ellipsoid((1, 2, 4)),
-    ]
+    parts = viewer.show(*shapes)
+    solids = [Box((1, 2, 3)), Sphere(0.5), Cylinder(0.5, 2), Capsule(0.25, 1), Ellipsoid((1, 2, 4))]
+    assert [part.shape for part in parts[:5]] == solids
     assert isinstance(parts[5].shape, Surface)
     assert len(parts[5].shape.mesh.elements) == 4
     assert parts[0].material.base_color == pytest.approx((linear_from_srgb(0.5), linear_from_srgb(0.25), 1.0, 0.5))
@@ -104,6 +98,9 @@ def test_shapes_colors_and_their_poses(viewer: Viewer) -> None:
         (geometry(MESH, [1, 1, 0, 0, 0, 0, 0, 5]), "has the vertices 0 to 5 of 1"),
         (geometry(MESH, [3, 1, 0]), "3 vertices and 1 triangles has 3 numbers"),
         (geometry(MESH, [1, 1, 1], string="/etc/passwd"), "no folder is open"),
+        (geometry(MESH, [1, float("nan"), 1], string="t.obj"), "the scale of a mesh file is not finite"),
+        (geometry(MESH, [2, 3], string="t.obj"), "a mesh file has 2 scale numbers instead of 0, 1 or 3"),
+        (geometry(MESH, [1] * 4, string="t.obj"), "a mesh file has 4 scale numbers instead of 0, 1 or 3"),
         (geometry(MESH, [1, 1, 1], string="{}"), "mesh in memory cannot be read"),
         (geometry(MESH, [1, 1, 1], string="{[["), "mesh in memory cannot be read"),
     ],
@@ -290,33 +287,26 @@ def test_unusual_poses(viewer: Viewer) -> None:
     assert flatten(viewer.live.snapshot.root).instances == ()
 
 
+def in_memory(obj: str, supporting: object = None, scale: tuple[float, float, float] = (1, 1, 1)) -> bytes:
+    """Return a mesh whose file is part of the message."""
+    files = {"mesh_file": coded(obj, "t.obj"), "supporting_files": {} if supporting is None else {"t.mtl": supporting}}
+    return geometry(MESH, scale, string=json.dumps({"in_memory_mesh": files}))
+
+
+def coded(content: str, name: str) -> dict[str, str]:
+    code = base64.b64encode(content.encode()).decode()
+    return {"contents": code, "extension": Path(name).suffix, "filename_hint": name}
+
+
 def test_mesh_in_memory(viewer: Viewer) -> None:
-    file = {"contents": base64.b64encode(OBJ.encode()).decode(), "extension": ".obj", "filename_hint": "t.obj"}
-    text = json.dumps({"in_memory_mesh": {"mesh_file": file, "supporting_files": {}}})
-    assert viewer.problem(LOAD, load(link("world", 0, geometry(MESH, [2, 3, 4], string=text)))) == ""
-    viewer.handle(DRAW, draw({}))
-    (part,) = viewer.node("illustration", "world").parts or ()
+    (part,) = viewer.show(in_memory(OBJ, scale=(2, 3, 4)))
     assert part.source == "t.obj"
     assert part.material.base_color == pytest.approx((1.0, linear_from_srgb(0.5), 0.0, 1.0))
     np.testing.assert_allclose(np.diag(part.X_node_part), [2, 3, 4, 1])
 
 
 def test_material_of_a_mesh_in_memory(viewer: Viewer) -> None:
-    def coded(content: str, name: str) -> dict[str, str]:
-        return {
-            "contents": base64.b64encode(content.encode()).decode(),
-            "extension": Path(name).suffix,
-            "filename_hint": name,
-        }
-
-    obj = "mtllib t.mtl\nusemtl red\n" + OBJ
-    mesh = {
-        "mesh_file": coded(obj, "t.obj"),
-        "supporting_files": {"t.mtl": coded("newmtl red\nKd 1 0 0\n", "t.mtl")},
-    }
-    viewer.handle(LOAD, load(link("world", 0, geometry(MESH, [1, 1, 1], string=json.dumps({"in_memory_mesh": mesh})))))
-    viewer.handle(DRAW, draw({}))
-    (part,) = viewer.node("illustration", "world").parts or ()
+    (part,) = viewer.show(in_memory(WITH_MATERIAL, coded(RED, "t.mtl")))
     assert part.material.base_color == pytest.approx((1.0, 0.0, 0.0, 1.0)), "its own, not the geometry's"
 
 
@@ -324,15 +314,11 @@ def test_supporting_files_of_a_mesh_in_memory(tmp_path: Path) -> None:
     inside, outside = tmp_path / "open", tmp_path / "secret"
     for folder in (inside, outside):
         folder.mkdir()
-        (folder / "t.mtl").write_text("newmtl red\nKd 1 0 0\n")
+        (folder / "t.mtl").write_text(RED)
     viewer = Viewer(MeshFiles((inside,)))
     colors = []
     for folder in (inside, outside):
-        obj = base64.b64encode(f"mtllib t.mtl\nusemtl red\n{OBJ}".encode()).decode()
-        file = {"contents": obj, "extension": ".obj", "filename_hint": "t.obj"}
-        mesh = {"mesh_file": file, "supporting_files": {"t.mtl": {"path": str(folder / "t.mtl")}}}
-        text = json.dumps({"in_memory_mesh": mesh})
-        viewer.handle(LOAD, load(link("world", 0, geometry(MESH, [1, 1, 1], string=text))))
+        viewer.handle(LOAD, load(link("world", 0, in_memory(WITH_MATERIAL, {"path": str(folder / "t.mtl")}))))
         viewer.handle(DRAW, draw({}))
         (part,) = viewer.node("illustration", "world").parts or ()
         colors.append(part.material.base_color)
@@ -341,51 +327,30 @@ def test_supporting_files_of_a_mesh_in_memory(tmp_path: Path) -> None:
 
 
 def test_files_below_the_mesh_root(tmp_path: Path) -> None:
-    (tmp_path / "t.obj").write_text(OBJ)
-    viewer = Viewer(MeshFiles((tmp_path,)))
-    message = load(link("world", 0, geometry(MESH, [1, 1, 2], string=str(tmp_path / "t.obj"))))
-    assert viewer.problem(LOAD, message) == ""
-    viewer.handle(DRAW, draw({}))
-    (part,) = viewer.node("illustration", "world").parts or ()
+    path, viewer = tmp_path / "t.obj", Viewer(MeshFiles((tmp_path,)))
+    mesh = geometry(MESH, [1, 1, 2], string=str(path))
+    path.write_text(OBJ)
+    (part,) = viewer.show(mesh)
     assert (part.kind, part.X_node_part[2, 2]) == ("mesh_file", 2.0)
-    (tmp_path / "t.obj").write_text(OBJ.replace("v 0 0 1", "v 0 0 5"))
-    viewer.handle(LOAD, message)
-    viewer.handle(DRAW, draw({}))
-    (part,) = viewer.node("illustration", "world").parts or ()
+    path.write_text(OBJ.replace("v 0 0 1", "v 0 0 5"))
+    (part,) = viewer.show(mesh)
     assert isinstance(part.shape, Surface)
     assert part.shape.mesh.positions.max() == 5.0, "a changed file is loaded again"
     outside = load(link("world", 0, geometry(MESH, [1, 1, 1], string="/etc/passwd")))
     assert "lies outside" in viewer.problem(LOAD, outside)
 
 
-@pytest.mark.parametrize(
-    ("numbers", "scale"), [([], (1, 1, 1)), ([2], (2, 2, 2)), ([2, 3, 4], (2, 3, 4)), ([2, 3], None), ([1] * 4, None)]
-)
-def test_scale_of_a_mesh_file(numbers: list[float], scale: tuple[float, ...] | None, tmp_path: Path) -> None:
+@pytest.mark.parametrize(("numbers", "scale"), [([], (1, 1, 1)), ([2], (2, 2, 2)), ([2, 3, 4], (2, 3, 4))])
+def test_scale_of_a_mesh_file(numbers: list[float], scale: tuple[float, ...], tmp_path: Path) -> None:
     (tmp_path / "t.obj").write_text(OBJ)
-    viewer = Viewer(MeshFiles((tmp_path,)))
-    message = load(link("world", 0, geometry(MESH, numbers, string=str(tmp_path / "t.obj"))))
-    if scale is None:
-        assert f"a mesh file has {len(numbers)} scale numbers instead of 0, 1 or 3" in viewer.problem(LOAD, message)
-        return
-    assert viewer.problem(LOAD, message) == ""
-    viewer.handle(DRAW, draw({}))
-    (part,) = viewer.node("illustration", "world").parts or ()
+    (part,) = Viewer(MeshFiles((tmp_path,))).show(geometry(MESH, numbers, string=str(tmp_path / "t.obj")))
     assert part.X_node_part.diagonal().tolist() == [*scale, 1]
-
-
-def test_the_scale_of_a_mesh_file_must_be_finite(viewer: Viewer) -> None:
-    message = load(link("world", 0, geometry(MESH, [1.0, float("nan"), 1.0], string="t.obj")))
-    assert viewer.problem(LOAD, message) == "the scale of a mesh file is not finite"
 
 
 def test_a_mesh_with_texture_coordinates_but_no_material_has_the_geometrys_color(tmp_path: Path) -> None:
     (tmp_path / "t.obj").write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nvt 0 0\nvt 1 0\nvt 0 1\nf 1/1 2/2 3/3\n")
-    viewer = Viewer(MeshFiles((tmp_path,)))
     shape = geometry(MESH, [1, 1, 1], string=str(tmp_path / "t.obj"), color=(0.2, 0.4, 0.6, 1.0))
-    assert viewer.problem(LOAD, load(link("world", 0, shape))) == ""
-    viewer.handle(DRAW, draw({}))
-    (part,) = viewer.node("illustration", "world").parts or ()
+    (part,) = Viewer(MeshFiles((tmp_path,))).show(shape)
     assert part.material.base_color == pytest.approx((*map(linear_from_srgb, (0.2, 0.4, 0.6)), 1.0), abs=1e-6)
     assert part.material.base_color_texture is None
 
@@ -427,11 +392,10 @@ def test_names_of_meshes_in_memory_are_limited(viewer: Viewer) -> None:
         assert len(problem) < 300
 
 
-def test_names_of_deformable_bodies_are_limited(viewer: Viewer) -> None:
-    config = DrakeViewerConfig(limits=Limits(name_bytes=20))
+def test_names_of_deformable_bodies_are_limited() -> None:
     body = deformables(geometry(MESH, TETRAHEDRON, string="é" * 11), name="bodies")
     with pytest.raises(MessageError, match="has 22 bytes, the limit is 20"):
-        Viewer(config=config).handle("DRAKE_VIEWER_DEFORMABLE", body)
+        Viewer(config=DrakeViewerConfig(limits=Limits(name_bytes=20))).handle("DRAKE_VIEWER_DEFORMABLE", body)
 
 
 def test_time_of_the_simulation(viewer: Viewer) -> None:
@@ -441,9 +405,3 @@ def test_time_of_the_simulation(viewer: Viewer) -> None:
         viewer.handle(DRAW, draw({(0, name): IDENTITY}, milliseconds=milliseconds))
         times.append(viewer.state.simulation_seconds)
     assert times == [None, 2.345, 2.345, 0.0]
-
-
-def test_damage_changes_nothing(viewer: Viewer) -> None:
-    with pytest.raises(MessageError):
-        viewer.handle(LOAD, b"damaged")
-    assert viewer.live.snapshot.revision == 0

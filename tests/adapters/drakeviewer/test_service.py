@@ -3,7 +3,7 @@
 import asyncio
 import contextlib
 import threading
-from collections.abc import AsyncIterator
+from collections.abc import AsyncIterator, Coroutine
 from pathlib import Path
 from typing import Any
 
@@ -31,6 +31,7 @@ from tests.support.liblcm import liblcm
 from tests.support.waiting import SECONDS, until
 
 LOAD, DRAW = "DRAKE_VIEWER_LOAD_ROBOT", "DRAKE_VIEWER_DRAW"
+TCPQ = LcmConfig(url="off", tcpq_port=0)
 ROBOT = load(link("a", 1, geometry(SPHERE, [1.0])))
 
 
@@ -56,36 +57,43 @@ class Running:
 
 
 @contextlib.asynccontextmanager
-async def running(
-    config: DrakeViewerConfig | None = None, files: MeshFiles | None = None, local_files: MeshFiles | None = None
-) -> AsyncIterator[Running]:
-    found = Running(config, files, local_files)
-    task = asyncio.create_task(found.service.run())
-    await until(lambda: found.service.ready)
+async def background(work: Coroutine[Any, Any, None]) -> AsyncIterator[None]:
+    """Run a coroutine until the end of the block."""
+    task = asyncio.create_task(work)
     try:
-        yield found
+        yield
     finally:
         task.cancel()
         await asyncio.gather(task, return_exceptions=True)
 
 
-class EndlessFiles(MeshFiles):
-    """Files that are read until the call is stopped."""
+@contextlib.asynccontextmanager
+async def running(
+    config: DrakeViewerConfig | None = None, files: MeshFiles | None = None, local_files: MeshFiles | None = None
+) -> AsyncIterator[Running]:
+    found = Running(config, files, local_files)
+    async with background(found.service.run()):
+        await until(lambda: found.service.ready)
+        yield found
+
+
+class SlowFiles(MeshFiles):
+    """Files that are read until ``released`` is set, or the call is stopped."""
 
     def __init__(self) -> None:
         super().__init__(())
-        self.reading, self.stopped = threading.Event(), threading.Event()
+        self.reading, self.released, self.ended = threading.Event(), threading.Event(), threading.Event()
 
     def load(
         self, filename: str, scale: tuple[float, float, float] = (1.0, 1.0, 1.0), warnings: list[str] | None = None
     ) -> tuple[Part, ...]:
         self.reading.set()
         try:
-            while True:
+            while not self.released.wait(0.01):  # short: between two checks
                 check_stop()
-                threading.Event().wait(0.01)  # short: between two checks
         finally:
-            self.stopped.set()
+            self.ended.set()
+        return super().load(filename, scale, warnings)
 
 
 def at(x: float) -> bytes:
@@ -163,7 +171,7 @@ async def test_stale_draws_are_logged_once() -> None:
 
 
 async def test_a_slow_file_delays_only_its_family_and_ends_at_shutdown() -> None:
-    files = EndlessFiles()
+    files = SlowFiles()
     async with running(files=files) as found:
         found.receive(LOAD, load(link("slow", 1, geometry(MESH, [], string="endless.obj"))))
         found.receive(DRAW, at(1.0))
@@ -172,8 +180,8 @@ async def test_a_slow_file_delays_only_its_family_and_ends_at_shutdown() -> None
         found.receive(f"{DRAW}_PROXIMITY", at(2.0))
         await until(lambda: found.live.snapshot.root.find(("drake", "proximity", "a")))
         assert found.live.snapshot.root.find(("drake", "illustration")) is None
-        assert not files.stopped.is_set()
-    assert files.stopped.wait(SECONDS)
+        assert not files.ended.is_set()
+    assert files.ended.wait(SECONDS)
 
 
 async def test_limits_on_channels_and_waiting_bytes() -> None:
@@ -224,23 +232,8 @@ async def test_channels_of_an_earlier_simulation_take_up_no_channels() -> None:
         assert set(found.service.status()["channels"]) == {LOAD}
 
 
-class BlockedFiles(MeshFiles):
-    """Files that cannot be read before ``released`` is set."""
-
-    def __init__(self) -> None:
-        super().__init__(())
-        self.reading, self.released = threading.Event(), threading.Event()
-
-    def load(
-        self, filename: str, scale: tuple[float, float, float] = (1.0, 1.0, 1.0), warnings: list[str] | None = None
-    ) -> tuple[Part, ...]:
-        self.reading.set()
-        assert self.released.wait(SECONDS)
-        return super().load(filename, scale, warnings)
-
-
 async def test_frames_received_before_a_thread_reads_the_load_message_are_kept() -> None:
-    files = BlockedFiles()
+    files = SlowFiles()
     async with running(DrakeViewerConfig(threads=1), files) as found:
         try:
             found.receive(LOAD, load(link("a", 1, geometry(MESH, [1.0, 1.0, 1.0], string="slow.obj"))))
@@ -267,17 +260,13 @@ async def test_waiting_messages_of_new_channels_are_limited() -> None:
 
 
 @contextlib.asynccontextmanager
-async def hub_of(found: Running) -> AsyncIterator[str]:
+async def hub_of(found: Running, lcm: LcmConfig = TCPQ) -> AsyncIterator[str]:
     """The URL of a hub that passes messages to the service."""
     listener = ChannelListener(PREFIXES, found.service.receive)
-    hub = TreeViewerService(TreeViewerConfig(lcm=LcmConfig(url="off", tcpq_port=0)), found.live, listeners=[listener])
-    task = asyncio.create_task(hub.run())
-    await hub.wait_ready()
-    try:
+    hub = TreeViewerService(TreeViewerConfig(lcm=lcm), found.live, listeners=[listener])
+    async with background(hub.run()):
+        await hub.wait_ready()
         yield f"tcpq://127.0.0.1:{hub.tcpq_port}"
-    finally:
-        task.cancel()
-        await asyncio.gather(task, return_exceptions=True)
 
 
 async def test_messages_pass_the_tree_viewers_hub() -> None:
@@ -317,18 +306,11 @@ async def test_recordings_are_shown_again(tmp_path: Path) -> None:
 async def test_messages_by_multicast() -> None:
     url = free_url()
     client = join(url)
-    async with running() as found:
-        listener = ChannelListener(PREFIXES, found.service.receive)
-        config = TreeViewerConfig(lcm=LcmConfig(url=url, tcpq_port=None))
-        transport = TreeViewerService(config, found.live, listeners=[listener])
-        task = asyncio.create_task(transport.run())
-        await transport.wait_ready()
+    async with running() as found, hub_of(found, LcmConfig(url=url, tcpq_port=None)):
         for channel, message in ((LOAD, ROBOT), ("OTHER", b""), (DRAW, at(3))):
             client.publish(channel, message)
         await until(lambda: found.x() == 3.0)
         assert set(found.service.status()["channels"]) == {LOAD, DRAW}
-        task.cancel()
-        await asyncio.gather(task, return_exceptions=True)
 
 
 async def test_programs_on_this_machine_name_files_in_all_folders(tmp_path: Path) -> None:

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import json
+import os
 import threading
 from collections import Counter
-from collections.abc import AsyncIterator, Callable
+from collections.abc import AsyncIterator, Callable, Iterator
 from contextlib import AbstractAsyncContextManager, asynccontextmanager
 from dataclasses import dataclass, field
 
@@ -26,6 +27,7 @@ from gateway.runtime.workers.worker_pool import WorkerPool
 from renderers.camera import Camera
 from renderers.drawlist import LABEL_NONE, DrawList
 from renderers.interface import Frame, Look, Output, Renderer
+from renderers.raster import CpuRenderer
 from tests.support.corpus import TABLE
 from tests.support.forms import gltf
 from tests.support.waiting import SECONDS
@@ -154,6 +156,13 @@ def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
         for row in sorted(TABLE, key=lambda row: (row.scene, row.kind)):
             line = f"{row.scene:{width}}  {row.kind:5}  {row.figures:44}  {row.milliseconds:8.1f} ms"
             terminalreporter.write_line(line)
+
+
+@pytest.fixture(scope="module")
+def renderer() -> Iterator[CpuRenderer]:
+    renderer = CpuRenderer(os.cpu_count() or 1)
+    yield renderer
+    renderer.close()
 
 
 @pytest.fixture

@@ -7,9 +7,7 @@ tests.
 from __future__ import annotations
 
 import json
-import os
 import time
-from collections.abc import Iterator
 
 import cv2
 import httpx2
@@ -18,7 +16,7 @@ import pytest
 from numpy.typing import NDArray
 
 from renderers.raster import CpuRenderer
-from tests.adapters.render.conftest import Start
+from tests.adapters.render.conftest import Start, decoded
 from tests.support.corpus import TABLE, DrakeScene, Row, decode_label, drake_scene, drake_scenes
 
 pytestmark = pytest.mark.corpus
@@ -36,13 +34,6 @@ MAX_COLOR_FRACTION = 0.01
 MAX_INNER_ERROR = 1.0
 """Largest mean colour difference (of 255) away from edges, on scenes whose colour must match."""
 SCENES = drake_scenes() or (None,)
-
-
-@pytest.fixture(scope="module")
-def renderer() -> Iterator[CpuRenderer]:
-    renderer = CpuRenderer(os.cpu_count() or 1)
-    yield renderer
-    renderer.close()
 
 
 def inner(scene: DrakeScene) -> NDArray[np.bool_]:
@@ -70,9 +61,7 @@ async def ask(start: Start, renderer: CpuRenderer, scene: DrakeScene, kind: str)
         response = await server.client.post("/render", content=request.body, headers=headers)
         milliseconds = (time.perf_counter() - begin) * 1e3
     assert response.status_code == 200, response.text
-    picture = cv2.imdecode(np.frombuffer(response.content, np.uint8), cv2.IMREAD_UNCHANGED)
-    assert picture is not None
-    return (picture[..., ::-1] if picture.ndim == 3 else picture), milliseconds
+    return decoded(response), milliseconds
 
 
 def present(scene: DrakeScene | None) -> DrakeScene:

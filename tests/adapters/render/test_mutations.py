@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import asyncio
 import json
-import os
 from collections.abc import Iterator
 from copy import deepcopy
 from typing import Any
@@ -77,13 +76,6 @@ def mutate(document: Any, data: st.DataObject) -> Any:
         else:
             parent[path[-1]] = deepcopy(data.draw(junk))
     return document
-
-
-@pytest.fixture(scope="module")
-def renderer() -> Iterator[CpuRenderer]:
-    renderer = CpuRenderer(os.cpu_count() or 1)
-    yield renderer
-    renderer.close()
 
 
 @pytest.fixture(scope="module")
