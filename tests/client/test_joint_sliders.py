@@ -11,18 +11,12 @@ from gateway.adapters.treeviewer.service import TreeViewerService
 from gateway.scene.tree.live import LiveTree
 from scenegate import AsyncTreeViewer, TreeViewer
 from tests.adapters.treeviewer.transports import serving
+from tests.client.conftest import connected, hub_of, in_thread, talk_to
 from tests.client.test_tree_controls import change, shown
-from tests.client.test_tree_viewer import hub_of, in_thread
 from tests.files.robots.files import ARM, write
-from tests.support.liblcm import liblcm
 from tests.support.waiting import SECONDS, until
 
-pytestmark = pytest.mark.lcm
-
-
-@pytest.fixture(autouse=True)
-def lcm() -> None:
-    liblcm()
+pytestmark = [pytest.mark.lcm, pytest.mark.usefixtures("lcm")]
 
 
 def limits(service: TreeViewerService) -> dict[str, Any]:
@@ -33,22 +27,20 @@ def limits(service: TreeViewerService) -> dict[str, Any]:
 
 async def test_a_value_beyond_all_sliders_is_refused(tmp_path: Path) -> None:
     file = write(tmp_path, ARM)
+
+    def talk(viewer: TreeViewer) -> None:
+        robot = viewer.robot("arm", file, joints={"shoulder": 1e300})
+        with pytest.raises(ValueError, match=r"'shoulder'.* 1e\+300"):
+            viewer.controls.add_joint_sliders(robot)
+
     async with serving() as service:
-
-        def talk() -> None:
-            with TreeViewer(hub_of(service), timeout=SECONDS) as viewer:
-                robot = viewer.robot("arm", file, joints={"shoulder": 1e300})
-                with pytest.raises(ValueError, match=r"'shoulder'.* 1e\+300"):
-                    viewer.controls.add_joint_sliders(robot)
-
-        await in_thread(talk)
+        await talk_to(service, talk)
         assert shown(service) == {}
 
 
 async def test_sliders_move_the_robot(tmp_path: Path) -> None:
     live, file = LiveTree(), write(tmp_path, ARM)
-    async with serving(live=live) as service:
-        viewer = await in_thread(lambda: TreeViewer(hub_of(service), timeout=SECONDS))
+    async with serving(live=live) as service, connected(service) as viewer:
         robot = await in_thread(lambda: viewer.robot("cell/arm", file, joints={"shoulder": 0.5}))
         sliders = await in_thread(viewer.controls.add_joint_sliders, robot)
         assert shown(service) == {"cell/arm/shoulder": 0.5, "cell/arm/elbow": 0.0, "cell/arm/Reset": 0}
@@ -72,7 +64,6 @@ async def test_sliders_move_the_robot(tmp_path: Path) -> None:
             await in_thread(sliders.set, {"elbo": 1.0})
         await in_thread(sliders.delete)
         assert shown(service) == {}
-        await in_thread(viewer.close)
 
 
 @pytest.mark.parametrize(
@@ -90,14 +81,12 @@ async def test_limits(joint: str, expected: tuple[float, float, str] | None, tmp
     file = write(
         tmp_path, f'<robot><link name="a"/><link name="b"/>{joint}<parent link="a"/><child link="b"/></joint></robot>'
     )
-    async with serving() as service:
-        viewer = await in_thread(lambda: TreeViewer(hub_of(service), timeout=SECONDS))
+    async with serving() as service, connected(service) as viewer:
         robot = await in_thread(lambda: viewer.robot("it", file))
         sliders = await in_thread(viewer.controls.add_joint_sliders, robot, "Joints")
         assert limits(service).get("j") == expected
         assert shown(service).keys() == (set() if expected is None else {"Joints/j", "Joints/Reset"})
         assert bool(sliders.sliders) == (expected is not None)
-        await in_thread(viewer.close)
 
 
 async def test_async_client(tmp_path: Path) -> None:

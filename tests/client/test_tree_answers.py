@@ -70,15 +70,8 @@ def connection(viewer: TreeViewer) -> Any:
 
 
 def test_paths_and_warnings_of_a_response(viewer: TreeViewer) -> None:
-    connection(viewer).bodies = [
-        {
-            "status": 0,
-            "deleted_paths": [["a"]],
-            "added_geometries": [["b", 1]],
-            "set_transforms": [["c"], ["d"]],
-            "warnings": ["odd"],
-        }
-    ]
+    paths = {"deleted_paths": [["a"]], "added_geometries": [["b", 1]], "set_transforms": [["c"], ["d"]]}
+    connection(viewer).bodies = [{"status": 0, **paths, "warnings": ["odd"]}]
     assert viewer["a"].set(Sphere(1)) == Answer(0, (("a",),), (("b", 1),), (("c",), ("d",)), (), ("odd",), "")
 
 
@@ -236,14 +229,8 @@ def test_a_request_beyond_lcms_limit_is_not_sent(viewer: TreeViewer, monkeypatch
     assert connection(viewer).requests == [], "it is not recorded, either"
 
 
-def test_representations_and_geometry_of_the_root(viewer: TreeViewer) -> None:
-    connection(viewer).bodies = [{"status": 0}] * 2
-    node = viewer["robot", "a/b"][0]
-    assert repr(viewer) == "<TreeViewer tcpq://fake>"
-    assert repr(node) == "<NodeHandle robot/a/b/0 of <TreeViewer tcpq://fake>>"
-    with viewer.batch() as batch:
-        batch["a"].set(Sphere(1))
-        assert repr(batch["a"]) == "<NodeHandle a of <Batch of 1 paths>>"
+def test_geometry_of_the_root(viewer: TreeViewer) -> None:
+    connection(viewer).bodies = [{"status": 0}]
     viewer.set(Sphere(2))
     assert connection(viewer).requests[-1]["setgeometry"][0]["path"] == []
 
@@ -284,10 +271,7 @@ def test_what_is_no_path(viewer: TreeViewer, value: Any) -> None:
     ("call", "error"),
     [
         (lambda viewer: viewer.set_transforms(["a"], "x"), r"poses must have shape \(1, 7\) for 1 paths, not 'x'"),
-        (
-            lambda viewer: viewer.set_transforms(["a"], [[1], [1, 2]]),
-            r"poses .* not \[\[1\], \[1, 2\]\]",
-        ),
+        (lambda viewer: viewer.set_transforms(["a"], [[1], [1, 2]]), r"poses .* not \[\[1\], \[1, 2\]\]"),
         (lambda viewer: viewer.set_view(home=5), "home must be eye, target and optionally up, not 5"),
         (lambda viewer: viewer.set_view(background="grau"), "background 'grau' is neither"),
         (lambda viewer: viewer.robot("r", "r.urdf", roots="/tmp"), "roots must be a list of folders, not '/tmp'"),

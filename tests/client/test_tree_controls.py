@@ -20,19 +20,13 @@ from scenegate import AsyncTreeViewer, Box, TreeViewer, TreeViewerError
 from scenegate.messages.controls import Pose
 from scenegate.tree import callbacks
 from tests.adapters.treeviewer.transports import serving
-from tests.client.test_tree_viewer import hub_of, in_thread
-from tests.support.liblcm import liblcm
+from tests.client.conftest import connected, hub_of, in_thread, talk_to
 from tests.support.ports import free_ports
 from tests.support.waiting import SECONDS, until
 
-pytestmark = pytest.mark.lcm
+pytestmark = [pytest.mark.lcm, pytest.mark.usefixtures("lcm")]
 
 MOVED = {"translation": [1, 2, 3], "quaternion": [1, 0, 0, 0]}
-
-
-@pytest.fixture(autouse=True)
-def lcm() -> None:
-    liblcm()
 
 
 def store_of(service: TreeViewerService) -> ControlStore:
@@ -55,59 +49,57 @@ def change(service: TreeViewerService, path: str, *values: Any) -> None:
 
 
 async def test_a_refused_value_is_not_kept() -> None:
+
+    def talk(viewer: TreeViewer) -> None:
+        slider = viewer.controls.add_slider("speed", 0, 10, value=2)
+        slider.delete()
+        with pytest.raises(TreeViewerError):
+            slider.value = 5
+        assert slider.value == 2
+
     async with serving() as service:
-
-        def talk() -> None:
-            with TreeViewer(hub_of(service), timeout=SECONDS) as viewer:
-                slider = viewer.controls.add_slider("speed", 0, 10, value=2)
-                slider.delete()
-                with pytest.raises(TreeViewerError):
-                    slider.value = 5
-                assert slider.value == 2
-
-        await in_thread(talk)
+        await talk_to(service, talk)
 
 
 async def test_all_controls_are_shown() -> None:
     async with serving() as service:
 
-        def talk() -> None:
-            with TreeViewer(hub_of(service), timeout=SECONDS) as viewer:
-                arm = viewer.controls["arm"]
-                two: Any = np.float32(2)  # programs have NumPy's numbers
-                arm.add_slider("speed", 0, 10, value=two, step=0.5, unit="m/s")
-                arm.add_number("gains/p", 3, min=0)
-                arm.add_text(("gains", "a/b"), "x")
-                viewer.controls.add_checkbox("on", True)
-                viewer.controls.add_dropdown("mode", ["a", "b"], "b")
-                viewer.controls.add_color("paint", "red").value = (0, 0, 1)
-                viewer.controls.add_button("go")
-                plot = viewer.controls.add_plot("loads", "1", "2")
-                viewer.controls.add_gizmo("target", "arm/hand")
-                plot.add(1.0, float("nan"), time_s=5.0)
-                plot.add_samples([6.0, 7.0], np.ones((2, 2)))
-                with pytest.raises(ValueError, match="value is 11, it must be from 0 to 10"):
-                    arm.add_slider("speed", 0, 10, value=11)
-                with pytest.raises(ValueError, match=r"values \(N, 2\), not \(1,\) and \(1, 1\)"):
-                    plot.add(1.0)
-                assert shown(service) == {
-                    "arm/speed": 2.0,
-                    "arm/gains/p": 3.0,
-                    "arm/gains/a/b": "x",
-                    "on": True,
-                    "mode": "b",
-                    "paint": (0.0, 0.0, 1.0),
-                    "go": 0,
-                    "loads": None,
-                    "target": None,
-                }
-                ((_, samples),) = store_of(service).samples_since(0)
-                np.testing.assert_array_equal(samples, [[5, 1, np.nan], [6, 1, 1], [7, 1, 1]])
-                arm["gains"].delete()
-                plot.delete()
-                assert shown(service).keys() == {"arm/speed", "on", "mode", "paint", "go", "target"}
+        def talk(viewer: TreeViewer) -> None:
+            arm = viewer.controls["arm"]
+            two: Any = np.float32(2)  # programs have NumPy's numbers
+            arm.add_slider("speed", 0, 10, value=two, step=0.5, unit="m/s")
+            arm.add_number("gains/p", 3, min=0)
+            arm.add_text(("gains", "a/b"), "x")
+            viewer.controls.add_checkbox("on", True)
+            viewer.controls.add_dropdown("mode", ["a", "b"], "b")
+            viewer.controls.add_color("paint", "red").value = (0, 0, 1)
+            viewer.controls.add_button("go")
+            plot = viewer.controls.add_plot("loads", "1", "2")
+            viewer.controls.add_gizmo("target", "arm/hand")
+            plot.add(1.0, float("nan"), time_s=5.0)
+            plot.add_samples([6.0, 7.0], np.ones((2, 2)))
+            with pytest.raises(ValueError, match="value is 11, it must be from 0 to 10"):
+                arm.add_slider("speed", 0, 10, value=11)
+            with pytest.raises(ValueError, match=r"values \(N, 2\), not \(1,\) and \(1, 1\)"):
+                plot.add(1.0)
+            assert shown(service) == {
+                "arm/speed": 2.0,
+                "arm/gains/p": 3.0,
+                "arm/gains/a/b": "x",
+                "on": True,
+                "mode": "b",
+                "paint": (0.0, 0.0, 1.0),
+                "go": 0,
+                "loads": None,
+                "target": None,
+            }
+            ((_, samples),) = store_of(service).samples_since(0)
+            np.testing.assert_array_equal(samples, [[5, 1, np.nan], [6, 1, 1], [7, 1, 1]])
+            arm["gains"].delete()
+            plot.delete()
+            assert shown(service).keys() == {"arm/speed", "on", "mode", "paint", "go", "target"}
 
-        await in_thread(talk)
+        await talk_to(service, talk)
         await until(lambda: not shown(service))  # the client has closed
 
 
@@ -121,62 +113,53 @@ def fail_in_batch(viewer: TreeViewer) -> None:
 async def test_a_batch_of_controls_is_one_request() -> None:
     async with serving() as service:
 
-        def talk() -> None:
-            with TreeViewer(hub_of(service), timeout=SECONDS) as viewer:
-                viewer.controls.add_button("go")
-                before = store_of(service).revision
-                with viewer.controls.batch():
-                    sliders = [viewer.controls["many"].add_slider(str(number), 0, 1) for number in range(500)]
-                    viewer.controls["many"]["7"].delete()
-                    assert store_of(service).revision == before  # nothing is sent
-                assert shown(service).keys() == {"go", *(f"many/{number}" for number in range(500) if number != 7)}
-                sliders[1].value = 0.5
-                assert shown(service)["many/1"] == 0.5
-                with pytest.raises(RuntimeError, match="a batch of controls is open already"):
-                    fail_in_batch(viewer)
-                viewer.controls.add_checkbox("on")
-                assert shown(service).keys() >= {"go", "on"}
-                assert "other" not in shown(service)
+        def talk(viewer: TreeViewer) -> None:
+            viewer.controls.add_button("go")
+            before = store_of(service).revision
+            with viewer.controls.batch():
+                sliders = [viewer.controls["many"].add_slider(str(number), 0, 1) for number in range(500)]
+                viewer.controls["many"]["7"].delete()
+                assert store_of(service).revision == before  # nothing is sent
+            assert shown(service).keys() == {"go", *(f"many/{number}" for number in range(500) if number != 7)}
+            sliders[1].value = 0.5
+            assert shown(service)["many/1"] == 0.5
+            with pytest.raises(RuntimeError, match="a batch of controls is open already"):
+                fail_in_batch(viewer)
+            viewer.controls.add_checkbox("on")
+            assert shown(service).keys() >= {"go", "on"}
+            assert "other" not in shown(service)
 
-        await in_thread(talk)
+        await talk_to(service, talk)
 
 
 async def test_wrong_arguments_are_refused() -> None:
     async with serving() as service:
 
-        def talk() -> None:
-            with TreeViewer(hub_of(service), timeout=SECONDS) as viewer:
-                add: Any = viewer.controls
-                cases: tuple[tuple[Callable[[], Any], str], ...] = (
-                    (lambda: add.add_dropdown("d", "abc"), 'options must be a list of texts, not "abc"'),
-                    (lambda: add.add_dropdown("d", 5), "options must be a list of texts, not 5"),
-                    (lambda: add.add_plot("p", ["a", "b"]), r'series must be a text, not \["a", "b"\]'),
-                    (
-                        lambda: add.add_plot("p", "a", seconds="1"),
-                        'seconds must be a number of at most 1e\\+15, not "1"',
-                    ),
-                    (lambda: add.add_button(None), "a path must be a text, an integer or a tuple of them, not None"),
-                    (
-                        lambda: add.add_gizmo("g", None),
-                        "a path must be a text, an integer or a tuple of them, not None",
-                    ),
-                    (lambda: add.add_slider("s", None, 1), "min must be a number of at most 1e\\+15, not null"),
-                    (lambda: add.add_slider("s", 0, 1, step="x"), 'step must be a number of at most 1e\\+15, not "x"'),
-                    (lambda: add.add_slider("s", 0, 1, unit=5), "unit must be a text, not 5"),
-                    (lambda: add.add_joint_sliders(5), "robot must be the result of TreeViewer.robot, not 5"),
-                )
-                for call, sentence in cases:
-                    with pytest.raises(ValueError, match=sentence):
-                        call()
-                assert shown(service) == {}
+        def talk(viewer: TreeViewer) -> None:
+            add: Any = viewer.controls
+            cases: tuple[tuple[Callable[[], Any], str], ...] = (
+                (lambda: add.add_dropdown("d", "abc"), 'options must be a list of texts, not "abc"'),
+                (lambda: add.add_dropdown("d", 5), "options must be a list of texts, not 5"),
+                (lambda: add.add_plot("p", ["a", "b"]), r'series must be a text, not \["a", "b"\]'),
+                (lambda: add.add_plot("p", "a", seconds="1"), 'seconds must be a number .*, not "1"'),
+                (lambda: add.add_button(None), "a path must be a text, an integer or a tuple of them, not None"),
+                (lambda: add.add_gizmo("g", None), "a path must be a text, an integer or a tuple of them, not None"),
+                (lambda: add.add_slider("s", None, 1), "min must be a number of at most 1e\\+15, not null"),
+                (lambda: add.add_slider("s", 0, 1, step="x"), 'step must be a number of at most 1e\\+15, not "x"'),
+                (lambda: add.add_slider("s", 0, 1, unit=5), "unit must be a text, not 5"),
+                (lambda: add.add_joint_sliders(5), "robot must be the result of TreeViewer.robot, not 5"),
+            )
+            for call, sentence in cases:
+                with pytest.raises(ValueError, match=sentence):
+                    call()
+            assert shown(service) == {}
 
-        await in_thread(talk)
+        await talk_to(service, talk)
 
 
 async def test_values_of_the_page_arrive() -> None:
     live = LiveTree()
-    async with serving(live=live) as service:
-        viewer = await in_thread(lambda: TreeViewer(hub_of(service), timeout=SECONDS))
+    async with serving(live=live) as service, connected(service) as viewer:
         received: list[Any] = []
         speed = await in_thread(viewer.controls.add_slider, "speed", 0, 10)
         go = await in_thread(viewer.controls.add_button, "go")
@@ -203,12 +186,10 @@ async def test_values_of_the_page_arrive() -> None:
         await until(lambda: speed.value == 4.0)
         assert len(received) == 4
         assert service.status()["control_messages"] == 4
-        await in_thread(viewer.close)
 
 
 async def test_a_value_that_the_program_sets_is_shown_and_wins_over_earlier_ones() -> None:
-    async with serving() as service:
-        viewer = await in_thread(lambda: TreeViewer(hub_of(service), timeout=SECONDS))
+    async with serving() as service, connected(service) as viewer:
         received: list[Any] = []
         speed = await in_thread(viewer.controls.add_slider, "speed", 0, 10)
         speed.on_update(received.append)
@@ -222,12 +203,10 @@ async def test_a_value_that_the_program_sets_is_shown_and_wins_over_earlier_ones
         with pytest.raises(ValueError, match="value is 11, it must be from 0 to 10"):
             await in_thread(speed.set, 11)
         assert speed.value == 6.0
-        await in_thread(viewer.close)
 
 
 async def test_outdated_and_invalid_messages_are_ignored() -> None:
-    async with serving() as service:
-        viewer = await in_thread(lambda: TreeViewer(hub_of(service), timeout=SECONDS))
+    async with serving() as service, connected(service) as viewer:
         speed = await in_thread(lambda: viewer.controls.add_slider("speed", 0, 10, value=5))
         panel = viewer.controls.panel
         value = {"path": ["speed"], "value": 7}
@@ -242,13 +221,11 @@ async def test_outdated_and_invalid_messages_are_ignored() -> None:
         assert speed.value == 5.0
         panel.receive({"controls": [value], "after": speed.set_time})
         assert speed.value == 7.0
-        await in_thread(viewer.close)
 
 
 async def test_slow_callbacks_miss_values_in_between_only() -> None:
     received: list[float] = []
-    async with serving() as service:
-        viewer = await in_thread(lambda: TreeViewer(hub_of(service), timeout=SECONDS))
+    async with serving() as service, connected(service) as viewer:
         speed = await in_thread(viewer.controls.add_slider, "speed", 0, 10)
 
         def slow(value: float) -> None:
@@ -266,7 +243,6 @@ async def test_slow_callbacks_miss_values_in_between_only() -> None:
             await until(lambda: speed.value == value)  # noqa: B023
         received.append(0.0)
         await until(lambda: received == [1.0, 0.0, 4.0])
-        await in_thread(viewer.close)
 
 
 async def wait_for(received: list[float]) -> None:
@@ -277,14 +253,12 @@ async def test_callbacks_that_cannot_be_called_are_refused() -> None:
     async def coroutine(value: float) -> None:
         raise AssertionError(value)
 
-    async with serving() as service:
-        viewer = await in_thread(lambda: TreeViewer(hub_of(service), timeout=SECONDS))
+    async with serving() as service, connected(service) as viewer:
         button = await in_thread(viewer.controls.add_button, "go")
         with pytest.raises(TypeError, match=r"coroutine.* AsyncTreeViewer"):
             button.on_update(coroutine)
         with pytest.raises(TypeError, match=r"on_click .*not 3"):
             button.on_click(3)
-        await in_thread(viewer.close)
 
 
 async def test_async_client() -> None:
@@ -329,8 +303,7 @@ async def test_controls_are_repeated(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 async def test_controls_that_are_added_while_a_viewer_starts_are_kept() -> None:
-    async with serving() as service:
-        viewer = await in_thread(lambda: TreeViewer(hub_of(service), timeout=SECONDS))
+    async with serving() as service, connected(service) as viewer:
         hub = service.hub
         assert hub is not None
 
@@ -345,7 +318,6 @@ async def test_controls_that_are_added_while_a_viewer_starts_are_kept() -> None:
         await adding
         await in_thread(viewer["box"].set, Box((1, 1, 1)))  # after all requests so far
         assert len(shown(service)) == 30
-        await in_thread(viewer.close)
 
 
 async def test_a_restarted_viewer_gets_controls_with_their_values() -> None:
@@ -386,12 +358,11 @@ async def test_controls_of_a_program_that_dies_are_removed() -> None:
 async def test_an_older_viewer_is_reported(monkeypatch: pytest.MonkeyPatch) -> None:
     known = {name: command for name, command in COMMANDS.items() if not command.is_newer}
     monkeypatch.setattr(request_reader, "COMMANDS", known)
+
+    def talk(viewer: TreeViewer) -> None:
+        with pytest.raises(TreeViewerError, match="this viewer does not know setcontrols"):
+            viewer.controls.add_button("go")
+        assert viewer.controls.panel.definitions() == []
+
     async with serving() as service:
-
-        def talk() -> None:
-            with TreeViewer(hub_of(service), timeout=SECONDS) as viewer:
-                with pytest.raises(TreeViewerError, match="this viewer does not know setcontrols"):
-                    viewer.controls.add_button("go")
-                assert viewer.controls.panel.definitions() == []
-
-        await in_thread(talk)
+        await talk_to(service, talk)

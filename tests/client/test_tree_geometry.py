@@ -118,9 +118,8 @@ def test_colours_of_vertices_are_those_of_other_geometry(name: str) -> None:
     first, second, *spheres = parts
     expected = sorted(sphere.material.base_color for sphere in spheres)
     for part in (first, second):
-        np.testing.assert_allclose(
-            sorted(set(map(tuple, part.shape.mesh.colors.round(6).tolist()))), expected, atol=2e-6
-        )
+        found = sorted(set(map(tuple, part.shape.mesh.colors.round(6).tolist())))
+        np.testing.assert_allclose(found, expected, atol=2e-6)
 
 
 def test_only_what_other_viewers_know_has_their_names() -> None:
@@ -203,16 +202,15 @@ def test_mesh_files_are_scaled_by_one_or_three() -> None:
         (lambda: Sphere(1, color=(256, 0, 0)), "color must be from 0 to 1, or a uint8 array from 0 to 255, not 256"),
         (lambda: Sphere(1, color=(255, -1, 0)), "color must be from 0 to 1, .* not 255"),
         (lambda: Sphere(1, color=0x1000000), "color must be 3 or 4 numbers, 0xrrggbb, a CSS name or"),
+        (lambda: Sphere(1, color=-1), "color must be 3 or 4 numbers, .* not -1"),
+        (lambda: Sphere(1, color=NOTHING), "color must be 3 or 4 numbers, .* not None"),
         (lambda: Sphere(1, color=(1.5, 0, 0)), "color must be from 0 to 1, .* not 1.5"),
         (lambda: Sphere(1, color=(0.5, -0.5, 0)), "color must be from 0 to 1, .* not -0.5"),
         (lambda: Sphere(1, color=(0.5, float("nan"), 0)), "color must have numbers, not nan"),
         (lambda: Sphere(1, color="grau"), "color 'grau' is neither a CSS name nor #rgb, #rgba, #rrggbb or #rrggbbaa"),
         (lambda: Sphere(1, color="#12"), "color '#12' is neither"),
         (lambda: Sphere(1, color="rgb(300, 0, 0)"), "is neither a CSS name nor"),
-        (
-            lambda: PointCloud(POINTS, colors=np.full((4, 3), 255.0)),
-            "colors must be from 0 to 1, or a uint8 array from 0 to 255, not 255",
-        ),
+        (lambda: PointCloud(POINTS, colors=np.full((4, 3), 255.0)), "colors must be from 0 to 1, .* not 255"),
         (lambda: PointCloud(POINTS, colors=np.full((4, 3), 1.01)), "colors must be from 0 to 1, .* not 1.01"),
         (lambda: PointCloud(POINTS, colors=[[float("nan"), -1, 0]] * 4), "colors must be from 0 to 1, .* not -1"),
         (lambda: PointCloud(POINTS, intensity=[0, 1, 2, 40]), "intensity must be from 0 to 1, .* not 40"),
@@ -223,10 +221,7 @@ def test_mesh_files_are_scaled_by_one_or_three() -> None:
         (lambda: PointCloud(np.full((4, 3), "x")), "points must have numbers, not <U1"),
         (lambda: MeshGeometry(POINTS, [[0, 1, 4]]), "faces refer to vertex 0 to 4, there are 4"),
         (lambda: MeshGeometry(POINTS, [[0, 1, 1.5]]), "faces must have integers"),
-        (
-            lambda: MeshGeometry(POINTS, [[0, 1, 2]], colors=[(1, 0, 0)]),
-            r"colors must have 3 or 4 numbers for each of 4 vertices",
-        ),
+        (lambda: MeshGeometry(POINTS, [[0, 1, 2]], colors=[(1, 0, 0)]), "colors must have 3 or 4 numbers"),
         (
             lambda: MeshGeometry(POINTS, [[0, 1, 2]], colors=np.full((4, 3), 256)),
             "colors must be from 0 to 1, .* not 256",
@@ -237,26 +232,14 @@ def test_mesh_files_are_scaled_by_one_or_three() -> None:
         (lambda: ImagePlane(PIXELS[0, 0], width=1), r"image must have shape \(H, W\), .* not \(3,\)"),
         (lambda: ImagePlane(PIXELS.astype(int), width=1), "image must be uint8, or floats from 0 to 1, not int64"),
         (lambda: ImagePlane(PIXELS * 1.0, width=1), "image must be from 0 to 1"),
-        (
-            lambda: Heightmap([1, 2], (1, 1)),
-            r"heights must have at least 2 rows of 2 numbers, not an array of shape \(2,\)",
-        ),
-        (
-            lambda: Heightmap(POINTS, (1, 1), colors=PIXELS),
-            r"colors have shape \(5, 7, 3\) for heights of shape \(4, 3\)",
-        ),
-        (
-            lambda: Sphere(1, transform=np.eye(3)),
-            "a transform is a Transform, 3 or 7 numbers or a 4x4 matrix, not an array of",
-        ),
+        (lambda: Heightmap([1, 2], (1, 1)), r"heights must have at least 2 rows of 2 .*\(2,\)"),
+        (lambda: Heightmap(POINTS, (1, 1), colors=PIXELS), r"colors .*\(5, 7, 3\) .*\(4, 3\)"),
+        (lambda: Sphere(1, transform=np.eye(3)), "a transform is .* not an array of"),
         (lambda: Sphere(1, transform=WORD), "a transform is a Transform, 3 or 7 numbers or a 4x4 matrix, not 'abc'"),
         (lambda: Sphere(1, transform=Transform((0, 0, 0), (0, 0, 0, 0))), "quaternion has only zeros"),
         (lambda: Sphere(1, transform=2 * np.eye(4)), "without scale, shear or mirroring"),
         (lambda: Sphere(1, transform=np.diag((-1.0, 1, 1, 1))), "without scale, shear or mirroring"),
-        (
-            lambda: Sphere(1, transform=from_pose((1, 2, 3), (1, 0, 0, 0)).T),
-            r"last row .* transposed\?",
-        ),
+        (lambda: Sphere(1, transform=from_pose((1, 2, 3), (1, 0, 0, 0)).T), r"last row .* transposed\?"),
         (lambda: Sphere(10**400), r"radius must be a number, not 1000000"),
         (lambda: Box((1, 1, 10**400)), r"lengths must have 3 numbers, not \(1, 1, 1000"),
         (lambda: Sphere(1, color={"r": 1}), r"color must be 3 or 4 numbers, .* not \{'r': 1\}"),  # type: ignore[arg-type]
@@ -272,10 +255,7 @@ def test_mesh_files_are_scaled_by_one_or_three() -> None:
         (lambda: PointCloud(POINTS, channels={"h": [1, 2]}), r"channels\['h'\] has 2 values for 4 points"),
         (lambda: PointCloud(POINTS, channels={"h": 3}), r"channels\['h'\] must have rows of 1 to 16, not 3"),
         (lambda: MeshGeometry(POINTS, RAGGED), r"faces must have rows of 3, not \[\(0, 0, 0\), \(1, 1\)\]"),
-        (
-            lambda: MeshGeometry(POINTS, [[0, 1, 2]], colors=RAGGED),
-            "colors must have rows of 3 or 4 numbers, not",
-        ),
+        (lambda: MeshGeometry(POINTS, [[0, 1, 2]], colors=RAGGED), "colors must have rows of 3 or 4 numbers"),
         (lambda: Heightmap(RAGGED, (1, 1)), r"heights must have at least 2 rows of 2 numbers, not \["),
         (lambda: ImagePlane(RAGGED, 1), r"image must have shape \(H, W\), .* not \[\(0, 0, 0\), \(1, 1\)\]"),
         (lambda: ImagePlane(NOTHING, 1), r"image must have shape \(H, W\), .* not None"),
@@ -332,11 +312,9 @@ def test_client_and_server_encode_alike() -> None:
 
 def test_json_encoding_does_not_change_colours() -> None:
     rgb = np.array([[255, 0, 51]], np.uint8)
-    body: dict[str, Any] = {
-        "setgeometry": [{"path": ["a"], "geometries": [PointCloud([[0, 0, 0]], colors=rgb).body()]}]
-    }
-    assert b"0.2" in encoded(body, 1, wire.JSON)
-    assert body["setgeometry"][0]["geometries"][0]["channels"]["rgb"].dtype == np.uint8
+    cloud = PointCloud([[0, 0, 0]], colors=rgb).body()
+    assert b"0.2" in encoded({"setgeometry": [{"path": ["a"], "geometries": [cloud]}]}, 1, wire.JSON)
+    assert cloud["channels"]["rgb"].dtype == np.uint8
 
 
 @settings(deadline=None)
@@ -366,13 +344,6 @@ def test_images_of_pillow_with_other_modes_are_refused(mode: str) -> None:
         ImagePlane(image, width=1.0)
 
 
-def test_colors_of_a_heightmap_have_its_shape() -> None:
-    with pytest.raises(ValueError, match=r"colors .*\(4, 3, 3\).*\(3, 4\)"):
-        Heightmap(np.zeros((3, 4)), (1.0, 1.0), colors=np.zeros((4, 3, 3)))
-    for shape in ((3, 4, 3), (12, 4)):
-        assert Heightmap(np.zeros((3, 4)), (1.0, 1.0), colors=np.zeros(shape)).body()["colors"].shape == (12, shape[-1])
-
-
 def test_integers_are_colours_from_0_to_255() -> None:
     red_and_grey = [(255, 0, 0), (128, 128, 128)]
     cloud = PointCloud([(0, 0, 0)] * 2, colors=red_and_grey).body()["channels"]["rgb"]
@@ -385,7 +356,6 @@ def test_integers_are_colours_from_0_to_255() -> None:
     assert (floats.dtype, floats.tolist()) == (np.uint8, [[128, 0, 255]])
 
 
-@pytest.mark.parametrize("color", [None, 0x1FFFFFF, -1])
-def test_names_what_is_no_colour(color: Any) -> None:
-    with pytest.raises(ValueError, match=f"color must be 3 or 4 numbers, 0xrrggbb, a CSS name .*, not {color}"):
-        Box((1, 1, 1), color=color)
+def test_colors_of_a_heightmap_may_be_rows() -> None:
+    for shape in ((3, 4, 3), (12, 4)):
+        assert Heightmap(np.zeros((3, 4)), (1.0, 1.0), colors=np.zeros(shape)).body()["colors"].shape == (12, shape[-1])

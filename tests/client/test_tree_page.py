@@ -19,19 +19,13 @@ from gateway.scene.tree.nodes import Node
 from scenegate import AsyncTreeViewer, Box, Click, TreeViewer, TreeViewerError
 from scenegate.tree import callbacks
 from tests.adapters.treeviewer.transports import free_url, join, serving
-from tests.client.test_tree_viewer import hub_of, in_thread
-from tests.support.liblcm import liblcm
+from tests.client.conftest import connected, hub_of, in_thread, talk_to
 from tests.support.ports import free_ports
 from tests.support.waiting import SECONDS, until
 
-pytestmark = pytest.mark.lcm
+pytestmark = [pytest.mark.lcm, pytest.mark.usefixtures("lcm")]
 
 ON_ARM = Click(("robot", "arm"), (1.0, 2.0, 3.0), "left")
-
-
-@pytest.fixture(autouse=True)
-def lcm() -> None:
-    liblcm()
 
 
 def node(live: LiveTree, *path: str) -> Node:
@@ -42,67 +36,64 @@ def node(live: LiveTree, *path: str) -> Node:
 
 async def test_visibility_and_opacity() -> None:
     live = LiveTree()
+
+    def talk(viewer: TreeViewer) -> None:
+        viewer["robot"]["arm"].set(Box((1, 1, 1)))
+        assert viewer["robot"].set_visible(False).status == 0
+        with viewer.batch() as batch:
+            batch["robot/arm"].set_opacity(0.25)
+            batch["robot/arm"].set_visible(True)
+        with pytest.raises(ValueError, match="opacity must be from 0 to 1, not 2"):
+            viewer["robot"].set_opacity(2)
+
     async with serving(live=live) as service:
-
-        def talk() -> None:
-            with TreeViewer(hub_of(service), timeout=SECONDS) as viewer:
-                viewer["robot"]["arm"].set(Box((1, 1, 1)))
-                assert viewer["robot"].set_visible(False).status == 0
-                with viewer.batch() as batch:
-                    batch["robot/arm"].set_opacity(0.25)
-                    batch["robot/arm"].set_visible(True)
-                with pytest.raises(ValueError, match="opacity must be from 0 to 1, not 2"):
-                    viewer["robot"].set_opacity(2)
-
-        await in_thread(talk)
+        await talk_to(service, talk)
         robot, arm = node(live, "robot"), node(live, "robot", "arm")
         assert (robot.visible, robot.opacity, arm.visible, arm.opacity) == (False, 1.0, True, 0.25)
 
 
 async def test_many_transforms() -> None:
     live = LiveTree()
+
+    def talk(viewer: TreeViewer) -> None:
+        for name in ("a/b", "c"):
+            viewer[name].set(Box((1, 1, 1)))
+        answer = viewer.set_transforms(["a/b", ("c",)], [[1, 2, 3, 1, 0, 0, 0], [4, 5, 6, 0, 1, 0, 0]])
+        assert (answer.status, answer.transformed) == (0, (("a", "b"), ("c",)))
+        assert viewer.set_transforms([], []).transformed == ()
+        with viewer.batch() as batch:
+            batch.set_transforms(["c"], np.full((1, 7), 0.5))
+        with pytest.raises(ValueError, match=r"poses .*\(1, 7\).*\(7,\)"):
+            viewer.set_transforms(["c"], np.zeros(7))
+        with pytest.raises(TypeError, match="paths must be a list of paths, not 'c'"):
+            viewer.set_transforms("c", np.zeros((1, 7)))
+        with pytest.raises(ValueError, match="pose 0 has a quaternion of zeros"):
+            viewer.set_transforms(["c"], np.zeros((1, 7)))
+        with pytest.raises(ValueError, match="pose 1 is not finite"):
+            viewer.set_transforms(["a/b", "c"], np.array([[0.0] * 7, [np.inf] * 7]))
+
     async with serving(live=live) as service:
-
-        def talk() -> None:
-            with TreeViewer(hub_of(service), timeout=SECONDS) as viewer:
-                for name in ("a/b", "c"):
-                    viewer[name].set(Box((1, 1, 1)))
-                answer = viewer.set_transforms(["a/b", ("c",)], [[1, 2, 3, 1, 0, 0, 0], [4, 5, 6, 0, 1, 0, 0]])
-                assert (answer.status, answer.transformed) == (0, (("a", "b"), ("c",)))
-                assert viewer.set_transforms([], []).transformed == ()
-                with viewer.batch() as batch:
-                    batch.set_transforms(["c"], np.full((1, 7), 0.5))
-                with pytest.raises(ValueError, match=r"poses .*\(1, 7\).*\(7,\)"):
-                    viewer.set_transforms(["c"], np.zeros(7))
-                with pytest.raises(TypeError, match="paths must be a list of paths, not 'c'"):
-                    viewer.set_transforms("c", np.zeros((1, 7)))
-                with pytest.raises(ValueError, match="pose 0 has a quaternion of zeros"):
-                    viewer.set_transforms(["c"], np.zeros((1, 7)))
-                with pytest.raises(ValueError, match="pose 1 is not finite"):
-                    viewer.set_transforms(["a/b", "c"], np.array([[0.0] * 7, [np.inf] * 7]))
-
-        await in_thread(talk)
+        await talk_to(service, talk)
     assert node(live, "a", "b").pose == (1, 2, 3, 1, 0, 0, 0)
     assert node(live, "c").pose == (0.5,) * 7
 
 
 async def test_settings_of_the_page() -> None:
+
+    def talk(viewer: TreeViewer) -> None:
+        viewer.set_view(background="#ff0000", grid=False)
+        viewer.set_view(home=((1, 2, 3), (0, 0, 0)), grid=None)
+        with pytest.raises(TypeError, match="grid must be True, False or None, not 'no'"):
+            viewer.set_view(grid="no")  # type: ignore[arg-type]
+        with pytest.raises(ValueError, match=r"home .*eye, target"):
+            viewer.set_view(home=((1, 2, 3),))
+        with pytest.raises(ValueError, match=r"eye of home .*\[nan, 0.0, 0.0\]"):
+            viewer.set_view(home=((float("nan"), 0, 0), (0, 0, 0)))
+        with pytest.raises(TreeViewerError, match=r"setview\[0\]: home.eye and home.target"):
+            viewer.set_view(home=((0, 0, 0), (0, 0, 0)))
+
     async with serving() as service:
-
-        def talk() -> None:
-            with TreeViewer(hub_of(service), timeout=SECONDS) as viewer:
-                viewer.set_view(background="#ff0000", grid=False)
-                viewer.set_view(home=((1, 2, 3), (0, 0, 0)), grid=None)
-                with pytest.raises(TypeError, match="grid must be True, False or None, not 'no'"):
-                    viewer.set_view(grid="no")  # type: ignore[arg-type]
-                with pytest.raises(ValueError, match=r"home .*eye, target"):
-                    viewer.set_view(home=((1, 2, 3),))
-                with pytest.raises(ValueError, match=r"eye of home .*\[nan, 0.0, 0.0\]"):
-                    viewer.set_view(home=((float("nan"), 0, 0), (0, 0, 0)))
-                with pytest.raises(TreeViewerError, match=r"setview\[0\]: home.eye and home.target"):
-                    viewer.set_view(home=((0, 0, 0), (0, 0, 0)))
-
-        await in_thread(talk)
+        await talk_to(service, talk)
         home = LookAtCamera((1, 2, 3), (0, 0, 0), (0, 0, 1))
         assert service.protocol.page.view == PageView((1.0, 0.0, 0.0), None, home)
 
@@ -141,14 +132,12 @@ async def test_clicks(transport: str, binary: bool) -> None:
 
 async def test_a_callback_that_fails_does_not_end_the_others(caplog: pytest.LogCaptureFixture) -> None:
     received: list[Click] = []
-    async with serving() as service:
-        viewer = await in_thread(lambda: TreeViewer(hub_of(service), timeout=SECONDS))
+    async with serving() as service, connected(service) as viewer:
         await in_thread(viewer.on_click, "robot", lambda click: [][0])
         await in_thread(viewer.on_click, "robot/arm", received.append)
         with caplog.at_level(logging.ERROR, "scenegate.tree.callbacks"):
             service.protocol.page.clicks.click(ON_ARM)
             await until(lambda: received)
-        await in_thread(viewer.close)
     assert "A callback of the tree viewer has failed" in caplog.text
     assert [click.path for click in received] == [("robot", "arm")]
 
@@ -157,16 +146,14 @@ async def test_callbacks_that_cannot_be_called_are_refused() -> None:
     async def coroutine(click: Click) -> None:
         raise AssertionError(click)
 
+    def talk(viewer: TreeViewer) -> None:
+        with pytest.raises(TypeError, match=r"coroutine.* AsyncTreeViewer"):
+            viewer.on_click("robot", coroutine)
+        with pytest.raises(TypeError, match="must be a function, not None"):
+            viewer.on_click("robot", None)  # type: ignore[arg-type]
+
     async with serving() as service:
-
-        def talk() -> None:
-            with TreeViewer(hub_of(service), timeout=SECONDS) as viewer:
-                with pytest.raises(TypeError, match=r"coroutine.* AsyncTreeViewer"):
-                    viewer.on_click("robot", coroutine)
-                with pytest.raises(TypeError, match="must be a function, not None"):
-                    viewer.on_click("robot", None)
-
-        await in_thread(talk)
+        await talk_to(service, talk)
         assert service.protocol.page.clicks.paths() == ()
 
 
@@ -237,15 +224,14 @@ async def test_an_older_viewer_is_reported(monkeypatch: pytest.MonkeyPatch) -> N
     known = {name: command for name, command in COMMANDS.items() if not command.is_newer}
     monkeypatch.setattr(request_reader, "COMMANDS", known)
     live = LiveTree()
+
+    def talk(viewer: TreeViewer) -> None:
+        viewer["robot"].set(Box((1, 1, 1)))
+        with pytest.raises(TreeViewerError, match="this viewer does not know setproperty"):
+            viewer["robot"].set_visible(False)
+        with pytest.raises(TreeViewerError, match="this viewer does not know setclicks"):
+            viewer.on_click("robot", print)
+
     async with serving(live=live) as service:
-
-        def talk() -> None:
-            with TreeViewer(hub_of(service), timeout=SECONDS) as viewer:
-                viewer["robot"].set(Box((1, 1, 1)))
-                with pytest.raises(TreeViewerError, match="this viewer does not know setproperty"):
-                    viewer["robot"].set_visible(False)
-                with pytest.raises(TreeViewerError, match="this viewer does not know setclicks"):
-                    viewer.on_click("robot", print)
-
-        await in_thread(talk)
+        await talk_to(service, talk)
         assert node(live, "robot").visible

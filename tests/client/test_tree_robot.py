@@ -106,10 +106,8 @@ def test_wrong_properties_are_not_sent(
 def test_the_robot_is_moved_and_deleted_as_a_whole(tmp_path: Path) -> None:
     sent, robot = published(tmp_path)
     robot.transform((1, 2, 3))
-    assert sent.changes[-1].entries[("cell", "arm")].transform == {
-        "translation": [1, 2, 3],
-        "quaternion": [1, 0, 0, 0],
-    }
+    transform = {"translation": [1, 2, 3], "quaternion": [1, 0, 0, 0]}
+    assert sent.changes[-1].entries[("cell", "arm")].transform == transform
     robot.delete()
     assert list(sent.changes[-1].deleted) == [("cell", "arm")]
 

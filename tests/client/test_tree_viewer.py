@@ -7,7 +7,6 @@ import socket
 import subprocess
 import sys
 import threading
-from collections.abc import Callable
 from typing import Any
 from unittest.mock import Mock
 
@@ -15,7 +14,6 @@ import numpy as np
 import pytest
 
 from gateway.adapters.treeviewer.config import TreeViewerConfig
-from gateway.adapters.treeviewer.service import TreeViewerService
 from gateway.runtime.lcm.config import LcmConfig
 from gateway.scene.tree.live import LiveTree
 from scenegate import (
@@ -35,29 +33,16 @@ from scenegate.messages.request_encoding import encode_request
 from scenegate.messages.wire import UNKNOWN_FORMAT
 from scenegate.tree import viewer
 from tests.adapters.treeviewer.transports import free_url, join, serving
-from tests.support.liblcm import liblcm
+from tests.client.conftest import hub_of, in_thread, talk_to
 from tests.support.ports import free_ports
 from tests.support.waiting import SECONDS, until
 
-pytestmark = pytest.mark.lcm
-
-
-@pytest.fixture(autouse=True)
-def lcm() -> None:
-    liblcm()
-
-
-async def in_thread(function: Callable[..., Any], *args: Any) -> Any:
-    return await asyncio.to_thread(function, *args)
+pytestmark = [pytest.mark.lcm, pytest.mark.usefixtures("lcm")]
 
 
 def paths(live: LiveTree) -> set[tuple[str | int, ...]]:
     """Return the paths of all nodes with geometry."""
     return {path for path, node in live.snapshot.root.walk() if node.parts is not None}
-
-
-def hub_of(service: TreeViewerService) -> str:
-    return f"tcpq://localhost:{service.tcpq_port}"
 
 
 def tour(url: str, binary: bool | None) -> None:
@@ -362,13 +347,12 @@ def test_names_of_the_package() -> None:
 
 
 async def test_no_stderr_output_on_success(capfd: pytest.CaptureFixture[str]) -> None:
+
+    def talk(tree_viewer: TreeViewer) -> None:
+        tree_viewer["a"].set(Sphere(1))
+
     async with serving() as service:
-
-        def talk() -> None:
-            with TreeViewer(hub_of(service), timeout=SECONDS) as tree_viewer:
-                tree_viewer["a"].set(Sphere(1))
-
-        await in_thread(talk)
+        await talk_to(service, talk)
     assert capfd.readouterr().err == ""
 
 

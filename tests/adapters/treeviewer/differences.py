@@ -4,7 +4,7 @@
 """
 
 from dataclasses import dataclass
-from typing import Any, Final
+from typing import Any
 
 
 @dataclass(frozen=True)
@@ -121,31 +121,3 @@ NAN = {
 }
 
 DIFFERENCES: dict[str, dict[int, Difference]] = {"bad": BAD, "cpp_wrapper": CPP_WRAPPER, "geoms": GEOMS, "nan": NAN}
-
-UNRECORDED: Final[tuple[tuple[dict[str, Any], Difference], ...]] = (
-    (
-        {"type": "sphere", "radius": 1, "color": [1, 0, 0, 0.5, 9]},
-        Difference(0, "color has 5 numbers", "drawn as in Director; the warning is ours", [["it"]]),
-    ),
-    (
-        {"type": "pointcloud", "points": [1, 2, 3]},
-        Difference(-3, "points has numbers, not rows of 3", "Director accepts a flat list and draws nothing"),
-    ),
-    (
-        {"type": "cylinder", "radius": 1, "length": -1},
-        Difference(0, "length is -1", "drawn as in Director, with length 1; the warning is ours", [["it"]]),
-    ),
-    (
-        {"type": "box", "lengths": [1, -2, 3]},
-        Difference(0, "lengths has a negative number", "as above", [["it"]]),
-    ),
-    (
-        {"type": "sphere", "radius": -1},
-        Difference(0, "radius is -1", "Director draws triangles of no area at its centre, we draw nothing", [["it"]]),
-    ),
-    (
-        {"type": "cylinder", "radius": -1, "length": 2},
-        Difference(0, "radius is -1", "its axis is drawn as a hairline, as in Director; the warning is ours", [["it"]]),
-    ),
-)
-"""Geometry that no recording has, with our response. Director's behaviour was tried with its code and VTK 9.7."""

@@ -1,6 +1,6 @@
 """Run Director's own client and its three tests of the tree viewer, unmodified, against a running viewer.
 
-    python -m tests.treeviewer.director_checkout CHECKOUT [--url LCM_URL]
+    python -m tests.adapters.treeviewer.director_checkout CHECKOUT [--url LCM_URL]
 
 CHECKOUT is a clone of github.com/RobotLocomotion/director; nothing of it is part of this project. Its files need two
 things that today's Python lacks: ``collections.Iterable``, and ``sys`` in tests that forget to import it (Director runs

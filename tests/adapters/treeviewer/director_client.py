@@ -1,6 +1,6 @@
 """The steps of Director's viewerclient.py that can lose commands: publish, then clear the queue of commands.
 
-    python -m tests.treeviewer.director_client URL ROUNDS [PAUSE]
+    python -m tests.adapters.treeviewer.director_client URL ROUNDS [PAUSE]
 
 When the viewer misses paths, the client's handler thread queues their commands for the next ``publish()``. If it does
 so while ``publish()`` has sent a message but not yet emptied the queue, nothing is sent again. Each round transforms a

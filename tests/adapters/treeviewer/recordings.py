@@ -1,27 +1,17 @@
 """Recorded requests of real clients, and the responses of Director's own viewer (see the corpus' README)."""
 
 import json
-import struct
-from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 from typing import Any
 
+import pytest
+
+from scenegate.lcm.event_log import Event, read_events
 from tests.support.corpus import corpus_dir, corpus_path
 
-_SYNC = 0xEDA1DA01
-_EVENT = struct.Struct(">Iqqii")
 REQUEST = "DIRECTOR_TREE_VIEWER_REQUEST"
-
-
-@dataclass(frozen=True)
-class Event:
-    """One event of an LCM log."""
-
-    number: int
-    channel: str
-    data: bytes
 
 
 @dataclass(frozen=True)
@@ -33,21 +23,6 @@ class Exchange:
     data: bytes
     response: dict[str, Any] | None
     """None: no response."""
-    why_none: str
-
-
-def events(path: Path) -> Iterator[Event]:
-    """Yield the events of an LCM log in order, without liblcm."""
-    data = path.read_bytes()
-    at = 0
-    while at < len(data):
-        sync, number, _time, channel_size, size = _EVENT.unpack_from(data, at)
-        assert sync == _SYNC, f"{path} is damaged at byte {at}"
-        at += _EVENT.size
-        channel = data[at : at + channel_size].decode()
-        at += channel_size
-        yield Event(number, channel, data[at : at + size])
-        at += size
 
 
 def folder() -> Path:
@@ -66,21 +41,16 @@ def exchanges(name: str) -> tuple[Exchange, ...]:
     lines = (folder() / f"{name}.oracle.jsonl").read_text().splitlines()
     oracle = {entry["event"]: entry for entry in map(json.loads, lines)}
     return tuple(
-        Exchange(
-            event.number,
-            event.channel,
-            event.data,
-            oracle[event.number].get("response"),
-            str(
-                next(
-                    (oracle[event.number][k] for k in ("exception", "crash", "dropped") if k in oracle[event.number]),
-                    "",
-                )
-            ),
-        )
-        for event in events(folder() / f"{name}.log")
+        Exchange(event.number, event.channel, event.data, oracle[event.number].get("response"))
+        for event in events(name)
         if event.channel.startswith(REQUEST)
     )
+
+
+def events(name: str) -> list[Event]:
+    """Return the events of a log in order."""
+    with (folder() / f"{name}.log").open("rb") as file:
+        return list(read_events(file, on_damage=lambda size: pytest.fail(f"{name}.log has {size} damaged bytes")))
 
 
 def scene(name: str) -> dict[tuple[Any, ...], dict[str, Any] | None]:

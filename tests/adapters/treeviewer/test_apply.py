@@ -74,6 +74,7 @@ def test_deletes_the_root_and_missing_paths(viewer: Viewer) -> None:
     assert viewer.tell({"delete": [{"path": ["never"]}, {"path": ["never"]}]})["deleted_paths"] == [["never"]]
     assert viewer.tell({"delete": [{"path": []}]})["deleted_paths"] == [[]]
     assert viewer.paths() == set()
+    assert viewer.tell({"settransform": [{"path": [], "transform": {}}]})["missing_paths"] == [[]]
 
 
 def test_many_slices_give_the_same_result() -> None:

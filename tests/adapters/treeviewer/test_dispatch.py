@@ -29,6 +29,9 @@ MISSING = message({"settransform": [{"path": ["no"], "transform": {"translation"
 """Its response has status 1."""
 
 
+ONE_BOX_REQUEST = {"setgeometry": [{"path": ["a"], "geometry": BOX}]}
+
+
 class Here(WorkerPool):
     """Runs calls at once, in the caller's thread, and counts them."""
 
@@ -161,6 +164,7 @@ async def test_requests_beyond_the_size_are_read_in_a_thread(limit: int, offload
         (geometries({"type": "text", "text": "it"}), 1),
         (geometries({"type": "line", "points": [[0, 0, 0], [1, 0, 0]]}, {"type": "text", "text": "it"}), 1),
         (geometries({"type": "mesh_file", "filename": "it.obj"}), 1),
+        (geometries({"type": "mesh_file", "filename": "it.obj", "data": "dmVydGljZXM="}), 1),
         ({"setcontrols": []}, 1),
         (geometries({"type": "pointcloud", "points": [[1, 2, 3]] * 100}), 0),
         (geometries({"type": "line", "points": [[0, 0, 0], [1, 0, 0]]}), 0),
@@ -278,16 +282,18 @@ async def test_responses_that_cannot_be_sent_are_counted(world: World) -> None:
     assert (world.dispatcher.counters.unanswerable, world.dispatcher.counters.answered) == (1, 0)
 
 
-async def test_responses_wait_until_the_tree_is_stored() -> None:
+async def test_responses_wait_in_order_until_the_tree_is_stored() -> None:
     store = Store()
     world = World(store)
-    world.receive(ONE_BOX)
+    for utime, request in enumerate(({"settransform": [{"path": ["b"]}]}, "no JSON", ONE_BOX_REQUEST)):
+        world.receive(message(request, utime))
+    await until(lambda: len(store.waiting) == 3)
     assert world.published == []
-    ((done, size),) = store.waiting
-    done("")
-    assert world.statuses == [0]
-    world.receive(message({"timestamp": 0}))
-    assert store.waiting[1][1] < size, "a response without paths is smaller"
+    for done, _ in store.waiting:
+        done("")
+    assert [(body["timestamp"], body["status"]) for _, body in world.published] == [(0, -3), (1, -3), (2, 0)]
+    world.receive(message({"delete": [{"path": [str(number)]} for number in range(1000)]}))
+    assert store.waiting[2][1] < 1000 < 50_000 < store.waiting[3][1], "the size of a response is that of its paths"
 
 
 async def test_a_response_that_waits_does_not_keep_the_request() -> None:
@@ -318,6 +324,7 @@ async def test_a_tree_that_cannot_be_stored_is_an_error(request_: bytes, error: 
     assert body["error"].endswith(error)
     assert body["error"].startswith(error) == (request_ is ONE_BOX)
     assert body["status"] < 0
+    assert world.dispatcher.counters.failed == 1
 
 
 async def test_requests_are_refused_while_the_storage_is_full() -> None:
@@ -326,6 +333,7 @@ async def test_requests_are_refused_while_the_storage_is_full() -> None:
     assert world.receive(ONE_BOX) == 0
     assert world.dispatcher.counters.dropped == 1
     assert world.statuses[0] < 0
+    assert world.viewer.paths() == set()
     store.full = False
     world.receive(ONE_BOX)
     assert len(store.waiting) == 1
@@ -349,6 +357,12 @@ async def test_the_delay_ends_by_itself(world: World, monkeypatch: pytest.Monkey
     await until(lambda: len(world.published) == 4)
     assert world.statuses == [1, 0, 1, 0]
     assert world.dispatcher.counters.missing == 2
+    world.receive(ONE_BOX)
+    assert len(world.published) == 5, "the delay is over"
+    world.receive(MISSING)
+    await world.dispatcher.close()
+    await asyncio.sleep(0.01)
+    assert len(world.published) == 6, "once"
 
 
 @pytest.mark.parametrize("begun", [False, True])
@@ -364,13 +378,6 @@ async def test_requests_that_wait_when_the_viewer_ends_are_answered(begun: bool)
     assert [body["error"] for _, body in world.published] == ["the viewer is shutting down"] * 3
     assert (world.dispatcher.queues.waiting_bytes, world.dispatcher.status()["waiting"]) == (0, 0)
     assert asyncio.all_tasks() == {asyncio.current_task()}
-
-
-async def test_waiting_messages_count_with_their_overhead() -> None:
-    world = World(offload_bytes=0)
-    assert world.receive(ONE_BOX) == world.dispatcher.queues.waiting_bytes == len(ONE_BOX) + OVERHEAD_BYTES
-    assert world.receive(ONE_BOX) == world.dispatcher.queues.waiting_bytes == 2 * (len(ONE_BOX) + OVERHEAD_BYTES)
-    await world.dispatcher.close()
 
 
 async def test_only_the_first_undecodable_messages_are_logged(world: World) -> None:
@@ -458,15 +465,6 @@ async def test_requests_are_valid_from_their_arrival_however_long_they_wait() ->
     await until(lambda: len(world.published) == 3)
     await until(lambda: not live.unapplied_arrivals)
     assert [live.snapshot_at(time).timestamp for time in (9, 10, 20, 30, 40)] == [0, 10, 20, 30, 30]
-
-
-async def test_a_sent_mesh_file_is_read_off_the_event_loop() -> None:
-    """Also in a viewer that opens no files: a few bytes of a mesh file may take long to parse."""
-    world = World()
-    geometry = {"type": "mesh_file", "filename": "a.obj", "data": "dmVydGljZXM="}
-    data = message({"setgeometry": [{"path": ["a"], "geometry": geometry}]})
-    assert world.receive(data) == size_of(len(data))
-    await until(lambda: world.statuses)
 
 
 @pytest.mark.parametrize("step", ["encode", "call_when_stored"])

@@ -24,6 +24,7 @@ LARGEST = 32 * 1024
 GROWTH = 96 * 1024 * 1024
 """Maximum growth of the process in bytes from the first fifth of the messages to the last. The tree is cleared in
 between, so that only caches and the allocator grow."""
+MESH = {"type": "mesh_data", "vertices": [[0, 0, 0]] * 300, "faces": [[0, 1, 2]] * 300}
 TOKENS = (
     *(b"NaN", b"-Infinity", b"1e999", b"-1", b"null", b"true", b'"', b"[", b"]", b"{", b"}", b",", b":", b"\\ud800"),
     *(b"99999999999999999999", b"\xff", b"\x00", b"0.1", b"[[", b"]]", b'"path"', b'"type":"line"', b"[]", b"{}"),
@@ -51,21 +52,12 @@ def seeds() -> list[bytes]:
                 "setvalues": [{"path": ["a"], "value": 1}, {"path": ["c"], "samples": [[0, 1], [1, 2]]}],
             }
         ),
-        message(
-            {
-                "setgeometry": [
-                    {
-                        "path": ["m"],
-                        "geometry": {"type": "mesh_data", "vertices": [[0, 0, 0]] * 300, "faces": [[0, 1, 2]] * 300},
-                    }
-                ]
-            }
-        ),
+        message({"setgeometry": [{"path": ["m"], "geometry": MESH}]}),
     ]
     if corpus_path() is not None:
         for name in recordings.names():
             sizes: dict[int, bytes] = {}
-            for event in recordings.events(recordings.folder() / f"{name}.log"):
+            for event in recordings.events(name):
                 if event.channel.startswith(REQUEST) and 48 < len(event.data) <= LARGEST:
                     sizes.setdefault(len(event.data) // 16, event.data)
             found += sizes.values()

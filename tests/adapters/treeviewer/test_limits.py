@@ -11,6 +11,8 @@ from scenegate.messages import wire
 from tests.adapters.treeviewer.conversation import BOX, Viewer
 
 POINT = [0.0, 0.0, 0.0]
+LONG = 1000
+"""Length of arrays that are taken out of the JSON text."""
 
 
 def geometry(**fields: Any) -> dict[str, Any]:
@@ -26,16 +28,25 @@ def cloud(points: int, channels: int = 0) -> dict[str, Any]:
     return geometry(type="pointcloud", points=[POINT] * points, channels=named)
 
 
+def line(points: int) -> dict[str, Any]:
+    return geometry(type="line", points=[POINT] * points)
+
+
+def lidar(ranges: int) -> dict[str, Any]:
+    return geometry(type="planar_lidar", ranges=[1.0] * ranges, angle_start=0, angle_step=1)
+
+
 def heightmap(rows: int) -> dict[str, Any]:
     return geometry(type="heightmap", heights=[[0.0, 0.0]] * rows, lengths=[1, 1])
 
 
 def texts(*values: str) -> dict[str, Any]:
-    return {
-        "setgeometry": [
-            {"path": [index], "geometry": {"type": "text", "text": text}} for index, text in enumerate(values)
-        ]
-    }
+    labels = ({"type": "text", "text": text} for text in values)
+    return {"setgeometry": [{"path": [index], "geometry": label} for index, label in enumerate(labels)]}
+
+
+def boxes(count: int, name: str = "a") -> dict[str, Any]:
+    return {"setgeometry": [{"path": [name], "geometries": [BOX] * count}]}
 
 
 def nested(depth: int) -> dict[str, Any]:
@@ -47,29 +58,17 @@ def nested(depth: int) -> dict[str, Any]:
     ("limits", "allowed", "refused"),
     [
         (Limits(path_elements=5), nested(5), nested(6)),
-        (
-            Limits(element_chars=5),
-            {"setgeometry": [{"path": ["x" * 5], "geometry": BOX}]},
-            {"setgeometry": [{"path": ["x" * 6], "geometry": BOX}]},
-        ),
-        (
-            Limits(parts_per_path=3),
-            {"setgeometry": [{"path": ["a"], "geometries": [BOX] * 3}]},
-            {"setgeometry": [{"path": ["a"], "geometries": [BOX] * 4}]},
-        ),
-        (Limits(points=3), cloud(3), cloud(4)),
-        (Limits(vertices=3), mesh(3, 1), mesh(4, 1)),
-        (Limits(faces=3), mesh(3, 3), mesh(3, 4)),
+        (Limits(element_chars=5), boxes(1, "x" * 5), boxes(1, "x" * 6)),
+        (Limits(parts_per_path=3), boxes(3), boxes(4)),
+        *((Limits(points=n), each(n), each(n + 1)) for n in (3, LONG) for each in (cloud, line, lidar)),
+        *((Limits(vertices=n), mesh(n, 1), mesh(n + 1, 1)) for n in (3, LONG)),
+        *((Limits(faces=n), mesh(3, n), mesh(3, n + 1)) for n in (3, LONG)),
         (Limits(channels=3), cloud(2, 3), cloud(2, 4)),
         (Limits(heights=6), heightmap(3), heightmap(4)),
         (Limits(text_chars=3), texts("abc"), texts("abcd")),
         (Limits(text_labels=2), texts("a", "b"), texts("a", "b", "c")),
         (Limits(nodes=4), nested(3), nested(4)),
-        (
-            Limits(parts=3),
-            {"setgeometry": [{"path": ["a"], "geometries": [BOX] * 3}]},
-            {"setgeometry": [{"path": ["a"], "geometries": [BOX] * 4}]},
-        ),
+        (Limits(parts=3), boxes(3), boxes(4)),
         (Limits(geometry_bytes=12_000), cloud(1000), cloud(1001)),
         (Limits(failed_commands=2), {"delete": [5] * 2}, {"delete": [5] * 3}),
     ],
@@ -118,19 +117,3 @@ def test_format_name_of_the_maximum_length() -> None:
     assert wire.decode(wire.encode(b"", name=name)).format == name
     with pytest.raises(wire.WireError, match="257 bytes"):
         wire.decode(wire.encode(b"", name=name + "x"))
-
-
-def test_deletes_geometry_of_the_root_itself() -> None:
-    viewer = Viewer()
-    viewer.publish(BOX, path=[])
-    viewer.tell({"delete": [{"path": []}]})
-    assert viewer.live.snapshot.root.parts is None
-    assert viewer.tell({"settransform": [{"path": [], "transform": {}}]})["missing_paths"] == [[]]
-
-
-def test_messagepack_warns_about_transforms_that_are_not_finite() -> None:
-    viewer = Viewer()
-    command = {"path": ["a"], "transform": {"translation": [float("nan"), 0.0, 0.0]}}
-    data = msgspec.msgpack.encode({"settransform": [command]})
-    response: Any = viewer.protocol.handle(wire.encode(data, name=wire.BINARY))
-    assert response.warnings == ['settransform[0] ["a"]: transform is not finite, so nothing below it is drawn']

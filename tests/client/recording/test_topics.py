@@ -28,10 +28,7 @@ def test_the_number_of_topics_is_limited(monkeypatch: pytest.MonkeyPatch) -> Non
     monkeypatch.setattr(topics, "MAX_SCENE_CLOUDS", 2)
     warned: list[str] = []
     found = CloudTopics(warned.append)
-    assert [found.topic(f"scene/{name}") for name in "abca"] == [
-        *(f"/scene/points/{c}" for c in "ab"),
-        None,
-        "/scene/points/a",
-    ]
+    a, b = "/scene/points/a", "/scene/points/b"
+    assert [found.topic(f"scene/{name}") for name in "abca"] == [a, b, None, a]
     assert found.topic("scene/d") is None
     assert warned == ["point clouds are left out, that of scene/c first: the limit is 2 topics"] == list(found.warnings)
