@@ -101,18 +101,16 @@ def _sample(folder: Path, scene: str, view: str, boxes: tuple[Box, ...]) -> Samp
     class_ids = np.array([0, *(box.class_id for box in boxes)], np.uint16)[instance]
     color = np.full((HEIGHT, WIDTH, 3), BACKGROUND, np.uint8)
     color[instance > 0] = np.stack((instance * 60, class_ids * 90, instance * 0), axis=-1)[instance > 0]
-    amodal = msgspec.json.encode(
-        [
-            manifest.Silhouette(instance=k, size=(HEIGHT, WIDTH), counts=_runs(np.isfinite(mask)))
-            for k, mask in enumerate(depths[:-1], 1)
-        ]
-    )
+    silhouettes = [
+        manifest.Silhouette(instance=k, size=(HEIGHT, WIDTH), counts=_runs(np.isfinite(mask)))
+        for k, mask in enumerate(depths[:-1], 1)
+    ]
     files: dict[ImageType, tuple[str, bytes]] = {
         "color": ("png", encode_png(color)),
         "depth": ("tiff", _tiff(depth.astype(np.float32))),
         "instance": ("png", encode_png(instance)),
         "class": ("png", encode_png(class_ids)),
-        "amodal": ("json", amodal),
+        "amodal": ("json", msgspec.json.encode(silhouettes)),
     }
     images: dict[ImageType, ImageFile] = {}
     for image_type, (suffix, data) in files.items():
@@ -120,26 +118,10 @@ def _sample(folder: Path, scene: str, view: str, boxes: tuple[Box, ...]) -> Samp
         (folder / path).write_bytes(data)
         images[image_type] = ImageFile(path, hashlib.sha256(data).hexdigest(), len(data))
     objects = tuple(_object(k, box, np.isfinite(all_depths[k - 1]), instance == k) for k, box in enumerate(boxes, 1))
-    return SampleRecord(
-        id=f"{scene}/{view}",
-        scene=scene,
-        view=view,
-        view_description="",
-        scene_sha256="0" * 64,
-        camera=CameraRecord(
-            width=WIDTH,
-            height=HEIGHT,
-            fx=FOCAL,
-            fy=FOCAL,
-            cx=cx,
-            cy=cy,
-            near=0.01,
-            far=2.0,
-            X_world_camera=_rows(CAMERA),
-        ),
-        images=images,
-        objects=objects,
-    )
+    size: Any = {"width": WIDTH, "height": HEIGHT, "fx": FOCAL, "fy": FOCAL, "cx": cx, "cy": cy}
+    camera = CameraRecord(**size, near=0.01, far=2.0, X_world_camera=_rows(CAMERA))
+    names: Any = {"id": f"{scene}/{view}", "scene": scene, "view": view, "view_description": ""}
+    return SampleRecord(**names, scene_sha256="0" * 64, camera=camera, images=images, objects=objects)
 
 
 def _object(number: int, box: Box, silhouette: NDArray[np.bool_], visible: NDArray[np.bool_]) -> ObjectRecord:
@@ -190,12 +172,8 @@ def _box(mask: NDArray[np.bool_], left: int, top: int) -> tuple[int, int, int, i
     rows, columns = (np.flatnonzero(mask.any(axis=axis)) for axis in (1, 0))
     if not len(rows):
         return None
-    return (
-        int(columns[0]) + left,
-        int(rows[0]) + top,
-        int(columns[-1] - columns[0]) + 1,
-        int(rows[-1] - rows[0]) + 1,
-    )
+    x, y, right, bottom = int(columns[0]), int(rows[0]), int(columns[-1]), int(rows[-1])
+    return x + left, y + top, right - x + 1, bottom - y + 1
 
 
 def _tiff(pixels: NDArray[np.float32]) -> bytes:

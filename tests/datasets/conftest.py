@@ -6,16 +6,19 @@ from pathlib import Path
 
 import pytest
 
+from gateway.datasets import local_tasks
 from gateway.datasets.camera_file import CameraFile
 from gateway.datasets.classes import ClassTable, classes_of_models
 from gateway.datasets.job import Job, RenderTask, Result, make_job
 from gateway.datasets.run import RunProgress, run
-from gateway.datasets.scene_sources import find_sources
-from gateway.datasets.scenes import model_names
+from gateway.datasets.scene_sources import Source, find_sources
+from gateway.datasets.scenes import LoadedScene, load_scene, model_names
 from gateway.datasets.views import View
 from gateway.datasets.worker import run_task
+from gateway.files.robots.scene_files import SceneOptions
 from gateway.scene.draw.cameras import OrbitCamera
-from scenegate.datasets.manifest import ANNOTATED_TYPES, Settings
+from renderers.raster import CpuRenderer
+from scenegate.datasets.manifest import ANNOTATED_TYPES, FAILURES_FILE, FailureRecord, Settings, read_lines
 from tests.support import forms
 
 SETTINGS = Settings(
@@ -50,6 +53,24 @@ def scenes(tmp_path: Path) -> Path:
     (folder / "depth.multipart").write_bytes(forms.body(forms.gltf(), forms.drake_fields("depth")))
     (folder / "notes.txt").write_text("no scene")
     return folder
+
+
+def named(scenes: Path, name: str) -> Source:
+    """Return the scene of a name in a folder."""
+    return next(source for source in find_sources([scenes]) if source.name == name)
+
+
+def loaded(path: Path, options: SceneOptions | None = None) -> LoadedScene:
+    """Load the only scene of a file."""
+    (source,) = find_sources([path])
+    return load_scene(source, options or SceneOptions())
+
+
+@pytest.fixture(scope="module")
+def renderer() -> Iterator[CpuRenderer]:
+    renderer = CpuRenderer(1)
+    yield renderer
+    renderer.close()
 
 
 Draw = Callable[..., RunProgress]
@@ -92,3 +113,13 @@ def job_of(
 def contents(folder: Path) -> dict[str, bytes]:
     """Return all files of a folder by relative path."""
     return {p.relative_to(folder).as_posix(): p.read_bytes() for p in sorted(folder.rglob("*")) if p.is_file()}
+
+
+def draw_in_processes(job: Job) -> RunProgress:
+    """Run a job in two processes."""
+    return run(job, lambda tasks: local_tasks.run_local(tasks, 2), lambda _: None)
+
+
+def failures_of(out: Path) -> list[FailureRecord]:
+    """Return what a dataset says of scenes and views that were not drawn."""
+    return list(read_lines(out / FAILURES_FILE, FailureRecord))

@@ -12,16 +12,16 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from gateway.datasets.annotated_scene import AnnotatedScene, annotate_scene
+from gateway.datasets.annotated_scene import annotate_scene
 from gateway.datasets.classes import ClassTable, classes_of_models
 from gateway.datasets.rendering import SampleInputs, render_sample
-from gateway.datasets.scene_sources import find_sources
-from gateway.datasets.scenes import LoadedScene, load_scene
+from gateway.datasets.scenes import LoadedScene
 from gateway.files.robots.scene_files import SceneOptions
 from gateway.scene.draw.style import Style
 from renderers.camera import Camera
 from renderers.raster import CpuRenderer
 from scenegate.datasets.manifest import ImageType, ObjectRecord, Silhouette, decode_silhouettes
+from tests.datasets.conftest import loaded
 from tests.files.gltf.builder import Builder, data_uri
 
 WIDTH, HEIGHT, FOCAL = 64, 48, 40.0
@@ -69,10 +69,9 @@ def write_plates(path: Path, plates: Sequence[Plate]) -> Path:
     return path
 
 
-def load(path: Path) -> LoadedScene:
-    """Load a scene as Z up."""
-    (source,) = find_sources([path])
-    return load_scene(source, SceneOptions(up="z"))
+def scene_of(folder: Path, *plates: Plate) -> LoadedScene:
+    """Load a scene of plates, from a file in a folder."""
+    return loaded(write_plates(folder / "plates.gltf", plates), SceneOptions(up="z"))
 
 
 def plate_camera(**changes: Any) -> Camera:
@@ -90,7 +89,6 @@ class Seen:
     instance: NDArray[np.uint16]
     silhouettes: dict[int, Silhouette]
     images: dict[ImageType, bytes]
-    scene: AnnotatedScene
 
     def mask(self, name: str) -> NDArray[np.bool_]:
         """Return the silhouette of an object."""
@@ -111,12 +109,6 @@ def see(
     images, objects = render_sample(
         renderer, SampleInputs(scene, camera or plate_camera(), annotated), FORMATS, style or Style()
     )
-    instance = cv2.imdecode(np.frombuffer(images["instance"], np.uint8), cv2.IMREAD_UNCHANGED)
+    instance = np.asarray(cv2.imdecode(np.frombuffer(images["instance"], np.uint8), cv2.IMREAD_UNCHANGED), np.uint16)
     by_name = {str(each.path[-1]): each for each in objects}
-    return Seen(
-        by_name,
-        np.asarray(instance, np.uint16),
-        decode_silhouettes(images["amodal"], "amodal"),
-        images,
-        annotated,
-    )
+    return Seen(by_name, instance, decode_silhouettes(images["amodal"], "amodal"), images)

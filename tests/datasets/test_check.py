@@ -87,38 +87,17 @@ def test_a_whole_dataset(dataset: Path, threads: int) -> None:
         (lambda d: edit(d, 0, lambda s: s["camera"].update(fy=0.0)), "must be above 0"),
         (lambda d: edit(d, 0, lambda s: s["camera"].update(fx=1e308)), "(1e+308, "),
         (lambda d: (d / manifest.MANIFEST_FILE).write_bytes(b""), "manifest.jsonl has no samples"),
-        (lambda d: edit(d, 0, lambda s: s["camera"].update(near=0.0)), "planes near=0.0"),
-        (
-            lambda d: edit(d, 0, lambda s: s["camera"]["X_world_camera"][3].__setitem__(0, 1.0)),
-            "the last of them 0, 0, 0, 1",
-        ),
-        (
-            lambda d: edit(d, 0, lambda s: [row.__setitem__(0, -row[0]) for row in s["camera"]["X_world_camera"]]),
-            "scaled, sheared or mirrored",
-        ),
         (lambda d: edit(d, 0, lambda s: s["camera"].update(height=25)), "32x24 pixels, the camera has 32x25"),
-        (
-            lambda d: edit(d, 0, lambda s: s["images"]["color"].update(path="/etc/passwd")),
-            "outside of the dataset",
-        ),
+        (lambda d: edit(d, 0, lambda s: s["images"]["color"].update(path="/etc/passwd")), "outside of the dataset"),
         (lambda d: edit_scene(d, scene="other"), "its scene.json is that of other"),
         (lambda d: edit_scene(d, sha256="0"), "does not follow from those of its sources"),
         (lambda d: replace_image(d, 0, "depth", np.full((24, 32), np.nan, np.float32)), "negative or not a number"),
-        (
-            lambda d: replace_image(d, 0, "depth", np.zeros((24, 32), np.uint8)),
-            "a depth image with 1 channels of uint8",
-        ),
+        (lambda d: replace_image(d, 0, "depth", np.zeros((24, 32), np.uint8)), "a depth image with 1 channels of u"),
         (lambda d: replace_image(d, 0, "label", np.zeros((24, 32, 4), np.uint8)), "with 4 channels of uint8"),
-        (
-            lambda d: edit(d, 0, lambda s: s["images"]["color"].update(path="../../etc/passwd")),
-            "outside of the dataset",
-        ),
+        (lambda d: edit(d, 0, lambda s: s["images"]["color"].update(path="../../etc/passwd")), "outside of the data"),
         (lambda d: replace_image(d, 0, "color", np.zeros((24, 32), np.uint8)), "with 1 channels of uint8"),
         (lambda d: replace_image(d, 0, "depth", np.full((24, 32), -1, np.float32)), "negative or not a number"),
-        (
-            lambda d: replace_image(d, 0, "label", np.full((24, 32, 3), 7, np.uint8)),
-            "labels that scene.json does not",
-        ),
+        (lambda d: replace_image(d, 0, "label", np.full((24, 32, 3), 7, np.uint8)), "labels that scene.json does"),
     ],
 )
 def test_damage_is_named(dataset: Path, damage: Callable[[Path], object], sentence: str) -> None:

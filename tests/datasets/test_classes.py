@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from gateway.datasets import classes
-from gateway.datasets.classes import classes_of_models, read_classes
+from gateway.datasets.classes import ClassTable, classes_of_models, read_classes
 from gateway.datasets.errors import DatasetError
 
 FILE = """
@@ -30,6 +30,7 @@ model = "beaker?"
 name = "rest"
 path = "*"
 """
+TWO = '[[class]]\nname = "a"\nid = 1\nmodel = "a"\n[[class]]\nname = "{}"\nid = {}\nmodel = "b"'
 
 
 @pytest.mark.parametrize("suffix", [".toml", ".json"])
@@ -52,25 +53,22 @@ def test_the_first_entry_that_matches(tmp_path: Path, suffix: str) -> None:
         assert table.class_of(scene, node, model) == expected
 
 
+def table_of(folder: Path, text: str) -> ClassTable:
+    path = folder / "classes.toml"
+    path.write_text(text)
+    return read_classes(path)[0]
+
+
 def test_objects_without_a_class(tmp_path: Path) -> None:
-    path = tmp_path / "classes.toml"
-    path.write_text('[[class]]\nname = "a"\nmodel = "[ab]*"')
-    table, _ = read_classes(path)
+    table = table_of(tmp_path, '[[class]]\nname = "a"\nmodel = "[ab]*"')
     assert [table.class_of("s", ("n",), model) for model in ("a", "b1", "c", "A")] == [1, 1, 0, 0]
 
 
 def test_whole_nodes(tmp_path: Path) -> None:
-    path = tmp_path / "classes.toml"
-    path.write_text(
-        '[[class]]\nname = "a"\nfile = "*.glb"\npath = "x/*"\nwhole = true\n[[class]]\nname = "b"\npath = "*"'
-    )
-    table, _ = read_classes(path)
-    assert [table.is_whole("s.glb", node) for node in (("x",), ("x", "y"), ("x", "y", 3), ("y",))] == [
-        False,
-        True,
-        True,
-        False,
-    ]
+    whole = '[[class]]\nname = "a"\nfile = "*.glb"\npath = "x/*"\nwhole = true\n'
+    table = table_of(tmp_path, f'{whole}[[class]]\nname = "b"\npath = "*"')
+    nodes = ("x",), ("x", "y"), ("x", "y", 3), ("y",)
+    assert [table.is_whole("s.glb", node) for node in nodes] == [False, True, True, False]
     assert not table.is_whole("s.urdf", ("x", "y"))
     assert not classes_of_models(["a"]).is_whole("s.glb", ("x", "y"))
 
@@ -100,41 +98,31 @@ def test_without_a_file_each_model_is_a_class(monkeypatch: pytest.MonkeyPatch) -
         ('[[class]]\nname = "a"\nmodels = "a"', "unknown field `models`"),
         ('[[class]]\nname = "a"\nwhole = true\nfile = "a"', r"class\[0\] \(a\).whole needs a path, and no model"),
         ('[[class]]\nname = "a"\nwhole = true\npath = "a"\nmodel = "m"', r"class\[0\] \(a\).whole needs a path"),
-        (
-            '[[class]]\nname = "a"\nid = 1\nmodel = "a"\n[[class]]\nname = "a"\nid = 2\nmodel = "b"',
-            r"class\[1\] \(a\).id = 2: the class has the id 1",
-        ),
-        (
-            '[[class]]\nname = "a"\nid = 1\nmodel = "a"\n[[class]]\nname = "b"\nid = 1\nmodel = "b"',
-            "two classes have the same id",
-        ),
+        (TWO.format("a", 2), r"class\[1\] \(a\).id = 2: the class has the id 1"),
+        (TWO.format("b", 1), "two classes have the same id"),
     ],
 )
 def test_files_that_cannot_be_used(tmp_path: Path, text: str, sentence: str) -> None:
-    path = tmp_path / "classes.toml"
-    path.write_text(text)
     with pytest.raises(DatasetError, match=sentence) as error:
-        read_classes(path)
-    assert str(error.value).startswith(f"{path}: ")
+        table_of(tmp_path, text)
+    assert str(error.value).startswith(f"{tmp_path}/classes.toml: ")
 
 
 def test_files_that_cannot_be_read(tmp_path: Path) -> None:
     os.mkfifo(tmp_path / "pipe.toml")
-    with pytest.raises(DatasetError, match="not a regular file"):
-        read_classes(tmp_path / "pipe.toml")
-    with pytest.raises(DatasetError, match="No such file"):
-        read_classes(tmp_path / "none.toml")
     (tmp_path / "bytes.toml").write_bytes(b"\xff")
-    with pytest.raises(DatasetError, match="utf-8"):
-        read_classes(tmp_path / "bytes.toml")
     (tmp_path / "large.toml").write_bytes(b"#" * ((1 << 20) + 1))
-    with pytest.raises(DatasetError, match="more than 1048576 bytes"):
-        read_classes(tmp_path / "large.toml")
+    for name, sentence in (
+        ("pipe", "not a regular file"),
+        ("none", "No such file"),
+        ("bytes", "utf-8"),
+        ("large", "more than 1048576 bytes"),
+    ):
+        with pytest.raises(DatasetError, match=sentence):
+            read_classes(tmp_path / f"{name}.toml")
 
 
 def test_patterns_take_linear_time(tmp_path: Path) -> None:
     """A pattern of many stars on a text that fits it almost; a pattern that backtracks would take years."""
-    path = tmp_path / "classes.json"
-    path.write_text(json.dumps({"class": [{"name": "a", "model": "a*" * 400 + "b"}]}))
-    table, _ = read_classes(path)
+    table = table_of(tmp_path, f'[[class]]\nname = "a"\nmodel = "{"a*" * 400}b"')
     assert table.class_of("s", ("n",), "a" * 100_000) == 0

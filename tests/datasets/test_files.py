@@ -4,7 +4,9 @@ import hashlib
 import io
 import os
 from pathlib import Path
+from typing import Any
 
+import numpy as np
 import pytest
 
 from gateway.datasets.errors import DatasetError
@@ -13,7 +15,7 @@ from gateway.datasets.job import Job
 from gateway.datasets.run import Journal
 from gateway.datasets.scene_sources import Source, SourceKind
 from gateway.datasets.views import View
-from scenegate.datasets.manifest import CameraRecord, SampleRecord, encode
+from scenegate.datasets.manifest import CameraRecord, SampleRecord, encode, pose_rows
 from scenegate.regular_files import sha256_of
 from tests.datasets.conftest import SETTINGS
 
@@ -42,16 +44,14 @@ def test_an_error_leaves_the_old_file_and_no_temporary_one(tmp_path: Path) -> No
     assert [each.read_bytes() for each in tmp_path.iterdir()] == [b"old"]
 
 
-def test_temporary_files_may_vanish_meanwhile(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(Path, "glob", lambda self, _: iter([self / "a.7.part"]))
-    remove_temporary_files(tmp_path)
-
-
-def test_only_temporary_files_are_removed(tmp_path: Path) -> None:
+def test_only_temporary_files_are_removed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """They may vanish meanwhile."""
     for name in ("a.7.part", "part", "b.png"):
         (tmp_path / name).write_bytes(b"")
     remove_temporary_files(tmp_path)
     assert sorted(path.name for path in tmp_path.iterdir()) == ["b.png", "part"]
+    monkeypatch.setattr(Path, "glob", lambda self, _: iter([self / "a.7.part"]))
+    remove_temporary_files(tmp_path)
 
 
 def test_a_lock_is_exclusive_and_released(tmp_path: Path) -> None:
@@ -70,17 +70,10 @@ def test_digest_of_a_file(tmp_path: Path) -> None:
 
 
 def sample(view: str, digest: str = "0") -> SampleRecord:
-    pose = ((1.0, 0.0, 0.0, 0.0), (0.0, 1.0, 0.0, 0.0), (0.0, 0.0, 1.0, 0.0), (0.0, 0.0, 0.0, 1.0))
-    camera = CameraRecord(width=1, height=1, fx=1.0, fy=1.0, cx=0.5, cy=0.5, near=0.1, far=None, X_world_camera=pose)
-    return SampleRecord(
-        id=f"a.stl/{view}",
-        scene="a.stl",
-        view=view,
-        view_description="fit",
-        scene_sha256=digest,
-        camera=camera,
-        images={},
-    )
+    lens: Any = {"width": 1, "height": 1, "fx": 1.0, "fy": 1.0, "cx": 0.5, "cy": 0.5, "near": 0.1, "far": None}
+    camera = CameraRecord(**lens, X_world_camera=pose_rows(np.eye(4)))
+    names: Any = {"id": f"a.stl/{view}", "scene": "a.stl", "view": view, "view_description": "fit"}
+    return SampleRecord(**names, scene_sha256=digest, camera=camera, images={})
 
 
 def test_the_journal_yields_samples_in_the_order_of_the_job() -> None:

@@ -39,12 +39,8 @@ def test_samples_that_are_not_part_of_the_job(job: Job, sample_id: str) -> None:
 
 def test_tasks_are_of_one_scene_and_limited_in_views(job: Job) -> None:
     tasks = job.tasks(lambda number: False, "digest")
-    assert [(task.source, len(task.samples)) for task in tasks] == [
-        (REQUEST, 1),
-        (MESH, VIEWS_PER_TASK),
-        (MESH, 2),
-        (SPECIAL, 1),
-    ]
+    sizes = [(task.source, len(task.samples)) for task in tasks]
+    assert sizes == [(REQUEST, 1), (MESH, VIEWS_PER_TASK), (MESH, 2), (SPECIAL, 1)]
     assert tasks[1].samples + tasks[2].samples == tuple(PlannedSample(k, MESH, view) for k, view in enumerate(VIEWS, 1))
     assert {(task.out, task.settings, task.renderer_digest, task.threads, task.timeout) for task in tasks} == {
         ("/out", SETTINGS, "digest", 1, 7.0)

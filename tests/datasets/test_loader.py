@@ -33,6 +33,7 @@ def test_transformed_samples_are_a_sequence(dataset: Dataset) -> None:
 def test_worker_processes_can_have_them(dataset: Dataset) -> None:
     again = pickle.loads(pickle.dumps(dataset.map(red)))
     np.testing.assert_array_equal(again[1], red(dataset[1]))
+    assert [sample.id for sample in pickle.loads(pickle.dumps(dataset))] == [sample.id for sample in dataset]
 
 
 def test_arrays_of_a_sample(dataset: Dataset) -> None:

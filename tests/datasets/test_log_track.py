@@ -21,11 +21,8 @@ HALF = 0.5**0.5
 def log_of(path: Path, *requests: tuple[float, dict[str, object]]) -> Path:
     """Write a log with a request of a tree viewer client at each time, in seconds."""
     channel = "DIRECTOR_TREE_VIEWER_REQUEST_<me>"
-    path.write_bytes(
-        b"".join(
-            pack_event(k, int(1e6 * (9 + t)), channel, message(request)) for k, (t, request) in enumerate(requests)
-        )
-    )
+    events = [pack_event(k, int(1e6 * (9 + t)), channel, message(each)) for k, (t, each) in enumerate(requests)]
+    path.write_bytes(b"".join(events))
     return path
 
 
@@ -49,9 +46,9 @@ def test_poses_are_those_in_the_world(tmp_path: Path) -> None:
     assert f"{out}: 3 poses" in result.stderr
     track = read_track(out, poses=True)
     assert track.times.tolist() == [0.5, 1.5, 2.0]
-    np.testing.assert_allclose(track.pose_at(0.5), from_pose((1, 0, 0), (HALF, 0, 0, HALF)), atol=1e-15)
-    np.testing.assert_allclose(track.pose_at(1.5), from_pose((-1, 0, 0), (HALF, 0, 0, HALF)), atol=1e-15)
-    np.testing.assert_allclose(track.pose_at(2.0), from_pose((0, 2, 5), (1, 0, 0, 0)), atol=1e-15)
+    turned, upright = (HALF, 0, 0, HALF), (1, 0, 0, 0)
+    for time, position, quaternion in ((0.5, (1, 0, 0), turned), (1.5, (-1, 0, 0), turned), (2.0, (0, 2, 5), upright)):
+        np.testing.assert_allclose(track.pose_at(time), from_pose(position, quaternion), atol=1e-15)
 
 
 def test_what_is_no_track(tmp_path: Path) -> None:

@@ -13,7 +13,6 @@ import cv2
 import msgspec
 import pytest
 
-from gateway.datasets.errors import DatasetError
 from tests.datasets.conftest import FACET, SETTINGS, TREE, Draw, contents, job_of
 from tests.datasets.ray_nodes import ENVIRONMENT as RAY_ENVIRONMENT
 from tests.support.ports import free_ports
@@ -21,6 +20,7 @@ from tests.support.waiting import SECONDS
 
 ENVIRONMENT = "SCENEGATE_RAY_PYTHON"
 ROOT = Path(__file__).parents[2]
+pytestmark = [pytest.mark.ray, pytest.mark.slow]
 ORBIT = 70
 """Cameras of each of the three scenes: 210 pictures of each type."""
 
@@ -79,8 +79,6 @@ def cluster(python: str, folders: tuple[Path, Path]) -> Iterator[dict[str, Any]]
         process.communicate()
 
 
-@pytest.mark.ray
-@pytest.mark.slow
 def test_a_killed_worker_is_not_to_be_seen(
     cluster: dict[str, Any], folders: tuple[Path, Path], tmp_path: Path, draw: Draw
 ) -> None:
@@ -91,8 +89,6 @@ def test_a_killed_worker_is_not_to_be_seen(
     assert contents(out) == contents(tmp_path / "one")
 
 
-@pytest.mark.ray
-@pytest.mark.slow
 def test_the_command_goes_on_on_a_cluster(
     python: str, cluster: dict[str, Any], folders: tuple[Path, Path], tmp_path: Path
 ) -> None:
@@ -114,8 +110,6 @@ def test_the_command_goes_on_on_a_cluster(
     assert contents(out) == whole
 
 
-@pytest.mark.ray
-@pytest.mark.slow
 def test_the_example_serves_on_a_cluster(python: str, cluster: dict[str, Any], tmp_path: Path) -> None:
     (port,) = free_ports(1)
     command = [python, str(ROOT / "examples" / "ray_serve.py"), "--address", cluster["address"], "--port", str(port)]
@@ -135,11 +129,3 @@ def test_the_example_serves_on_a_cluster(python: str, cluster: dict[str, Any], t
     finally:
         server.kill()
         server.communicate()
-
-
-def test_without_ray_it_is_said_how_to_get_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    from gateway.datasets.ray_tasks import run_ray
-
-    monkeypatch.setitem(sys.modules, "ray", None)
-    with pytest.raises(DatasetError, match=r"pip install 'scenegate\[ray\]'"):
-        next(run_ray([], "auto"))

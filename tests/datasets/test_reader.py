@@ -49,14 +49,6 @@ def test_samples_are_a_sequence(scenes: Path, tmp_path: Path, draw: Draw) -> Non
         _ = recorded.color
 
 
-def test_data_loaders_can_share_it(scenes: Path, tmp_path: Path, draw: Draw) -> None:
-    draw(job_of(scenes, tmp_path / "out"))
-    dataset = Dataset(tmp_path / "out")
-    other = pickle.loads(pickle.dumps(dataset))
-    assert [sample.id for sample in other] == [sample.id for sample in dataset]
-    assert (other[0].depth == dataset[0].depth).all()
-
-
 def test_a_bad_line_is_named_when_it_is_asked_for(scenes: Path, tmp_path: Path, draw: Draw) -> None:
     draw(job_of(scenes, tmp_path / "out"))
     path = tmp_path / "out" / "manifest.jsonl"

@@ -1,6 +1,5 @@
 """Encoded images of a scene, and the style in a dataset's settings."""
 
-from collections.abc import Iterator
 from pathlib import Path
 
 import cv2
@@ -10,7 +9,6 @@ import pytest
 from numpy.typing import NDArray
 
 from gateway.datasets.rendering import render_images, render_request, style_of
-from gateway.datasets.scene_sources import find_sources
 from gateway.datasets.scenes import LoadedScene, load_scene
 from gateway.datasets.views import View, camera_of
 from gateway.scene.draw.style import Style
@@ -18,21 +16,14 @@ from renderers.camera import Camera
 from renderers.light_rig import STUDIO
 from renderers.raster import CpuRenderer
 from scenegate.datasets.manifest import ImageType
-from tests.datasets.conftest import SETTINGS
+from tests.datasets.conftest import SETTINGS, loaded, named
 from tests.files.gltf.builder import Builder, data_uri
 from tests.support import forms
 
 
-@pytest.fixture(scope="module")
-def renderer() -> Iterator[CpuRenderer]:
-    renderer = CpuRenderer(1)
-    yield renderer
-    renderer.close()
-
-
 @pytest.fixture
 def robot(scenes: Path) -> LoadedScene:
-    return load_scene(next(source for source in find_sources([scenes]) if source.name == "robot.tree.json"))
+    return load_scene(named(scenes, "robot.tree.json"))
 
 
 def fit(scene: LoadedScene) -> Camera:
@@ -44,8 +35,9 @@ def color(renderer: CpuRenderer, scene: LoadedScene, style: Style) -> NDArray[np
     return np.asarray(cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_COLOR), np.uint8)
 
 
-def test_file_formats(renderer: CpuRenderer, robot: LoadedScene) -> None:
-    starts: list[tuple[ImageType, str, bytes]] = [
+@pytest.mark.parametrize(
+    ("image_type", "file_format", "start"),
+    [
         ("color", "png", b"\x89PNG"),
         ("color", "jpg", b"\xff\xd8"),
         ("color", "jpeg", b"\xff\xd8"),
@@ -53,11 +45,13 @@ def test_file_formats(renderer: CpuRenderer, robot: LoadedScene) -> None:
         ("depth", "tif", b"II*\0"),
         ("depth", "png", b"\x89PNG"),
         ("label", "png", b"\x89PNG"),
-    ]
-    for image_type, file_format, start in starts:
-        images = render_images(renderer, robot, fit(robot), {image_type: file_format}, Style())
-        assert images.keys() == {image_type}
-        assert images[image_type].startswith(start)
+    ],
+)
+def test_file_formats(
+    renderer: CpuRenderer, robot: LoadedScene, image_type: ImageType, file_format: str, start: bytes
+) -> None:
+    (image,) = render_images(renderer, robot, fit(robot), {image_type: file_format}, Style()).values()
+    assert image.startswith(start)
 
 
 def test_style_of_settings(tmp_path: Path) -> None:
@@ -85,7 +79,7 @@ def test_samples_and_antialiasing_by_look(renderer: CpuRenderer, robot: LoadedSc
 
 
 def test_requests_are_rendered_with_one_sample_by_default(renderer: CpuRenderer, scenes: Path) -> None:
-    (source,) = [source for source in find_sources([scenes]) if source.name == "depth.multipart"]
+    source = named(scenes, "depth.multipart")
     request = load_scene(source).request
     assert request is not None
     for settings in (SETTINGS, msgspec.structs.replace(SETTINGS, samples=4, depth_format="png")):
@@ -122,8 +116,7 @@ def test_labels_and_depth_of_a_leaf_with_a_hole_before_a_wall(renderer: CpuRende
     b.node(camera=0, translation=[0, 0, 4])
     path = tmp_path / "leaf.gltf"
     path.write_bytes(b.text())
-    (source,) = find_sources([path])
-    scene = load_scene(source)
+    scene = loaded(path)
     view = camera_of(View("v", None), scene.root, scene.draw_list, scene.file_camera, 32, 24, 45.0)
     labels = {paths[0][-1]: int(label) for label, paths in scene.description.labels.items()}
     for style, seen, depth in (
@@ -151,8 +144,7 @@ def test_a_texture_that_cannot_be_decoded_is_left_out(renderer: CpuRenderer, tmp
     b.node(mesh=b.triangle(material=b.add("materials", {"pbrMetallicRoughness": pbr, "doubleSided": True})))
     path = tmp_path / "broken.gltf"
     path.write_bytes(b.text())
-    (source,) = find_sources([path])
-    scene = load_scene(source)
+    scene = loaded(path)
     (warning,) = scene.description.warnings
     assert warning.startswith("images[0] (skin): ")
     assert warning.endswith("; textures[0] is left out")

@@ -29,8 +29,9 @@ from gateway.datasets.views import View
 from gateway.datasets.worker import run_task
 from scenegate.datasets import manifest
 from scenegate.datasets.dataset import NO_LABEL, Dataset
-from tests.datasets.conftest import SETTINGS, Draw, contents, job_of
+from tests.datasets.conftest import SETTINGS, Draw, contents, draw_in_processes, failures_of, job_of
 from tests.support import forms
+from tests.support.command import scenegate
 from tests.support.slow import slow_gltf
 from tests.support.waiting import SECONDS, wait_until
 
@@ -73,16 +74,6 @@ def test_depth_and_camera_give_points_on_the_mesh(scenes: Path, tmp_path: Path, 
         assert sample.K.tolist() == [[c.fx, 0, c.cx], [0, c.fy, c.cy], [0, 0, 1]]
 
 
-@pytest.mark.slow
-def test_the_same_input_gives_the_same_bytes_with_any_number_of_workers(
-    scenes: Path, tmp_path: Path, draw: Draw
-) -> None:
-    draw(job_of(scenes, tmp_path / "one", orbit=20))
-    job = job_of(scenes, tmp_path / "two", orbit=20)
-    run(job, lambda tasks: local_tasks.run_local(tasks, 2), lambda _: None)
-    assert contents(tmp_path / "one") == contents(tmp_path / "two")
-
-
 def test_a_stopped_run_continues(scenes: Path, tmp_path: Path, draw: Draw) -> None:
     whole, out = tmp_path / "whole", tmp_path / "out"
     draw(job_of(scenes, whole))
@@ -101,31 +92,30 @@ def test_a_stopped_run_continues(scenes: Path, tmp_path: Path, draw: Draw) -> No
     assert draw(job_of(scenes, out)).rendered == 0
 
 
-@pytest.mark.parametrize("change", ["image", "missing", "scene", "description"])
-def test_renders_again_only_what_changed(scenes: Path, tmp_path: Path, draw: Draw, change: str) -> None:
+@pytest.mark.parametrize(("change", "rendered"), [("image", 1), ("missing", 1), ("description", 2)])
+def test_renders_again_only_what_changed(scenes: Path, tmp_path: Path, draw: Draw, change: str, rendered: int) -> None:
     out = tmp_path / "out"
     draw(job_of(scenes, out))
     whole = contents(out)
     folder = out / "scenes" / "deep" / "mesh.stl"
     if change == "image":
         (folder / "orbit-1.label.png").write_bytes(b"broken")
-    elif change == "missing":
-        (folder / "orbit-1.depth.tiff").unlink()
-    elif change == "scene":
-        path = scenes / "deep" / "mesh.stl"
-        path.write_text(path.read_text().replace("vertex 0 1 0", "vertex 0 2 0"))
     else:
-        (folder / manifest.SCENE_FILE).unlink()
-    progress = draw(job_of(scenes, out))
-    assert progress.rendered == (1 if change in ("image", "missing") else 2)
-    if change == "scene":
-        changed = {name for name, data in contents(out).items() if data != whole[name]}
-        assert {name for name in changed if name != manifest.MANIFEST_FILE} <= {
-            name for name in whole if name.startswith("scenes/deep/mesh.stl/")
-        }
-        assert "scenes/deep/mesh.stl/orbit-0.color.png" in changed
-    else:
-        assert contents(out) == whole
+        (folder / ("orbit-1.depth.tiff" if change == "missing" else manifest.SCENE_FILE)).unlink()
+    assert draw(job_of(scenes, out)).rendered == rendered
+    assert contents(out) == whole
+
+
+def test_renders_a_changed_scene_again(scenes: Path, tmp_path: Path, draw: Draw) -> None:
+    out = tmp_path / "out"
+    draw(job_of(scenes, out))
+    whole = contents(out)
+    path = scenes / "deep" / "mesh.stl"
+    path.write_text(path.read_text().replace("vertex 0 1 0", "vertex 0 2 0"))
+    assert draw(job_of(scenes, out)).rendered == 2
+    changed = {name for name, data in contents(out).items() if data != whole[name]} - {manifest.MANIFEST_FILE}
+    assert {name for name in changed if not name.startswith("scenes/deep/mesh.stl/")} == set()
+    assert "scenes/deep/mesh.stl/orbit-0.color.png" in changed
 
 
 @pytest.mark.parametrize("other", ["pipe", "/dev/zero"])
@@ -190,7 +180,7 @@ def test_reports_each_bad_scene_and_view(scenes: Path, tmp_path: Path, draw: Dra
     (scenes / "cut.multipart").write_bytes(forms.body(forms.gltf())[:-100])
     cameras = CameraFile((View("missing", 'path:["missing"]'),))
     progress = draw(job_of(scenes, tmp_path / "out", orbit=40, cameras=cameras))
-    failed = list(manifest.read_lines(tmp_path / "out" / manifest.FAILURES_FILE, manifest.FailureRecord))
+    failed = failures_of(tmp_path / "out")
     assert [(failure.scene, failure.view) for failure in failed] == [
         ("a.gltf", "missing"),
         ("broken.gltf", None),
@@ -212,11 +202,9 @@ def test_reports_each_scene_with_an_invalid_name(scenes: Path, tmp_path: Path, d
         (scenes / name).write_bytes(good)
     out = tmp_path / "out"
     progress = draw(job_of(scenes, out))
-    failed = list(manifest.read_lines(out / manifest.FAILURES_FILE, manifest.FailureRecord))
+    failed = failures_of(out)
     assert [(failure.scene, failure.view) for failure in failed] == [
-        (long, None),
-        ("c\\d.gltf", None),
-        (r"two\nlines.gltf", None),
+        (name, None) for name in (long, "c\\d.gltf", r"two\nlines.gltf")
     ]
     assert failed[0].reason == "a name of 240 characters; 200 are the most: rename the file"
     assert failed[2].reason.startswith(r"a name with the character '\n'")
@@ -231,15 +219,14 @@ def test_reports_each_scene_with_an_invalid_name(scenes: Path, tmp_path: Path, d
 
 @pytest.mark.slow
 def test_a_bad_scene_gives_exit_code_1_and_the_others_are_rendered(scenes: Path, tmp_path: Path) -> None:
-    (scenes / "two\nlines.gltf").write_bytes((scenes / "a.gltf").read_bytes())
-    command = [sys.executable, "-m", "scenegate", "render", str(scenes), "--width", "32", "--height", "24"]
-    done = subprocess.run([*command, "-o", str(tmp_path / "out")], capture_output=True, text=True, check=False)
-    assert done.returncode == 1, done.stderr
+    bad, size = scenes / "two\nlines.gltf", ("--width", "32", "--height", "24")
+    bad.write_bytes((scenes / "a.gltf").read_bytes())
+    done = scenegate("render", str(scenes), *size, "-o", str(tmp_path / "out"))
+    assert done.exit_code == 1, done.stderr
     assert r"scenegate: two\nlines.gltf: a name with the character '\n'" in done.stderr
     assert "4 of 5 samples" in done.stderr
-    picture = [str(scenes / "two\nlines.gltf"), "-o", str(tmp_path / "one.png")]
-    command[4:5] = picture  # a single picture has no place in a dataset, and needs no name
-    assert subprocess.run(command, capture_output=True, text=True, check=False).returncode == 0
+    # A single picture has no place in a dataset, and needs no name.
+    assert scenegate("render", str(bad), *size, "-o", str(tmp_path / "one.png")).exit_code == 0
     assert (tmp_path / "one.png").read_bytes() == (tmp_path / "out/scenes/a.gltf/default.color.png").read_bytes()
 
 
@@ -325,8 +312,6 @@ def _killer(task: RenderTask) -> Result:
     """Stands in for a worker's work: scene 'a.gltf' kills its process."""
     if task.source.name == "a.gltf":
         os.kill(os.getpid(), signal.SIGKILL)
-    from gateway.datasets.worker import run_task
-
     return run_task(task)
 
 
@@ -336,10 +321,9 @@ def test_a_worker_that_dies_fails_only_its_own_task(
 ) -> None:
     monkeypatch.setattr(local_tasks, "_run_task", _killer)
     job = job_of(scenes, tmp_path / "out")
-    progress = run(job, lambda tasks: local_tasks.run_local(tasks, 2), lambda _: None)
-    assert [(failure.scene, failure.reason) for failure in progress.failures] == [
-        ("a.gltf", local_tasks.DIED_MESSAGE)
-    ] * 2
+    progress = draw_in_processes(job)
+    failures = [(failure.scene, failure.reason) for failure in progress.failures]
+    assert failures == [("a.gltf", local_tasks.DIED_MESSAGE)] * 2
     monkeypatch.undo()
     draw(job)
     draw(job_of(scenes, tmp_path / "whole"))
@@ -418,39 +402,19 @@ def test_warns_about_an_ignored_rig(scenes: Path, tmp_path: Path, draw: Draw) ->
 @pytest.mark.slow
 def test_a_timeout_fails_one_scene_and_the_others_are_rendered(scenes: Path, tmp_path: Path, draw: Draw) -> None:
     (scenes / "slow.gltf").write_bytes(slow_gltf())
-    settings = replace_settings(width=1024, height=1024)
+    settings = msgspec.structs.replace(SETTINGS, width=1024, height=1024)
     job = job_of(scenes, tmp_path / "out", orbit=1, settings=settings)
-    job = replace(job, timeout=10.0)  # short: the slow scene would take hours
-    progress = draw(job)
-    assert {failure.scene: failure.reason for failure in progress.failures} == {
-        "slow.gltf": "it took longer than --timeout = 10 s"
-    }
+    progress = draw(replace(job, timeout=10.0))  # short: the slow scene would take hours
+    failures = {failure.scene: failure.reason for failure in progress.failures}
+    assert failures == {"slow.gltf": "it took longer than --timeout = 10 s"}
     assert progress.finished >= 3
-
-
-def replace_settings(**changes: object) -> manifest.Settings:
-    return msgspec.structs.replace(SETTINGS, **changes)
 
 
 @pytest.mark.slow
 def test_a_timeout_of_one_image_is_a_sentence(tmp_path: Path) -> None:
     (tmp_path / "slow.gltf").write_bytes(slow_gltf())
-    command = [
-        sys.executable,
-        "-m",
-        "scenegate",
-        "render",
-        str(tmp_path / "slow.gltf"),
-        "-o",
-        str(tmp_path / "a.png"),
-    ]
-    ended = subprocess.run(
-        [*command, "--width", "1024", "--height", "1024", "--timeout", "1"],
-        capture_output=True,
-        text=True,
-        timeout=SECONDS,
-        check=False,
-    )
-    assert ended.returncode == 1
+    size = ("--width", "1024", "--height", "1024")
+    ended = scenegate("render", str(tmp_path / "slow.gltf"), "-o", str(tmp_path / "a.png"), *size, "--timeout", "1")
+    assert ended.exit_code == 1
     assert ended.stderr.splitlines()[-1].endswith("a.png: it took longer than --timeout = 1 s")
     assert not (tmp_path / "a.png").exists()

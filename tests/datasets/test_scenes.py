@@ -14,14 +14,9 @@ from gateway.files.robots.scene_files import SceneOptions
 from renderers.drawlist import LABEL_NONE
 from scenegate.datasets import manifest
 from scenegate.warning_text import NOTHING_OF_ROBOT
-from tests.datasets.conftest import TREE
+from tests.datasets.conftest import TREE, loaded
 from tests.files.robots.files import ARM, TRIANGLE, visual, write
 from tests.support import forms
-
-
-def loaded(path: Path) -> LoadedScene:
-    (source,) = find_sources([path])
-    return load_scene(source)
 
 
 def labels(scene: LoadedScene) -> list[int]:
@@ -43,25 +38,17 @@ def test_look_and_labels_follow_the_generator(tmp_path: Path, generator: str, lo
     assert scene.request is None
 
 
-def test_description_lists_all_files(tmp_path: Path, scenes: Path) -> None:
-    document = forms.gltf(buffers=[{"byteLength": 36, "uri": "corners.bin"}], generator="another program")
-    (tmp_path / "a.gltf").write_text(json.dumps(document))
-    (tmp_path / "corners.bin").write_bytes(bytes(36))
-    description = loaded(tmp_path / "a.gltf").description
-    assert [file.path for file in description.sources] == ["a.gltf", "corners.bin"]
-    for file in description.sources:
-        assert file.sha256 == hashlib.sha256((tmp_path / file.path).read_bytes()).hexdigest()
-    assert description.sha256 == scene_digest(description.sources)
-    assert description.scene == "a.gltf"
-    assert description.generator == "another program"
-
-
 @pytest.mark.parametrize("name", ["0.bin", "z.bin"])
-def test_the_scene_file_is_listed_first(tmp_path: Path, name: str) -> None:
-    document = forms.gltf(buffers=[{"byteLength": 36, "uri": name}])
+def test_description_lists_all_files_with_that_of_the_scene_first(tmp_path: Path, name: str) -> None:
+    document = forms.gltf(buffers=[{"byteLength": 36, "uri": name}], generator="another program")
     (tmp_path / "a.gltf").write_text(json.dumps(document))
     (tmp_path / name).write_bytes(bytes(36))
-    assert [file.path for file in loaded(tmp_path / "a.gltf").description.sources] == ["a.gltf", name]
+    description = loaded(tmp_path / "a.gltf").description
+    assert [(file.path, file.sha256) for file in description.sources] == [
+        (each, hashlib.sha256((tmp_path / each).read_bytes()).hexdigest()) for each in ("a.gltf", name)
+    ]
+    assert description.sha256 == scene_digest(description.sources)
+    assert (description.scene, description.generator) == ("a.gltf", "another program")
 
 
 def test_the_digest_depends_on_names_and_contents() -> None:
@@ -82,8 +69,7 @@ def test_tree_viewer_requests(tmp_path: Path) -> None:
     scene = loaded(path)
     assert (labels(scene), scene.look, scene.file_camera) == ([1, 2], "studio", None)
     assert scene.description.labels == {"1": (("robot", "base"),), "2": (("robot", "arm"),)}
-    source = find_sources([path])[0]
-    warnings = load_scene(source, SceneOptions(up="y", scale=0.001)).description.warnings
+    warnings = loaded(path, SceneOptions(up="y", scale=0.001)).description.warnings
     assert [warning.split()[0] for warning in warnings] == ["--up", "--scale"]
     path.write_text("{}")
     with pytest.raises(SceneError, match=r"setgeometry .*settransform"):
@@ -119,10 +105,8 @@ def test_recorded_requests_are_read_without_their_scene(tmp_path: Path) -> None:
     path.write_bytes(forms.body(forms.gltf(), forms.drake_fields("depth")))
     scene = loaded(path)
     assert scene.request is not None
-    assert scene.request.image_type == "depth"
-    assert scene.look == "pbr"
-    assert len(scene.draw_list.instances) == 0
-    assert scene.description.labels == {}
+    assert (scene.request.image_type, scene.look) == ("depth", "pbr")
+    assert (labels(scene), scene.description.labels) == ([], {})
 
 
 def test_errors_do_not_name_the_scene(tmp_path: Path) -> None:
@@ -135,22 +119,21 @@ def test_errors_do_not_name_the_scene(tmp_path: Path) -> None:
 
 
 def test_a_robot_is_posed_by_its_joints_and_has_a_label_for_each_link(tmp_path: Path) -> None:
-    (source,) = find_sources([write(tmp_path, ARM)])
-    scene = load_scene(source, SceneOptions(joints=("shoulder=1.5",)))
+    scene = loaded(write(tmp_path, ARM), SceneOptions(joints=("shoulder=1.5",)))
     assert scene.look == "studio"
     assert scene.description.labels == {"1": (("arm", "base"),), "2": (("arm", "upper"),)}
     assert [file.path for file in scene.description.sources] == ["robot.urdf"]
     expected = read_robot(tmp_path / "robot.urdf").tree({"shoulder": 1.5}).world_matrix(("arm", "upper"))
     np.testing.assert_array_equal(scene.root.world_matrix(("arm", "upper")), expected)
     with pytest.raises(SceneError, match=r"'sholder'.* shoulder"):
-        load_scene(source, SceneOptions(joints=("sholder=1",)))
+        loaded(tmp_path / "robot.urdf", SceneOptions(joints=("sholder=1",)))
 
 
 def test_files_of_robots_are_found_below_roots(tmp_path: Path) -> None:
     write(tmp_path / "packages" / "pkg", TRIANGLE, "m.obj")
-    (source,) = find_sources([write(tmp_path / "a" / "b", visual('<mesh filename="package://pkg/m.obj"/>'))])
-    warning, nothing_drawn = load_scene(source).description.warnings
+    robot = write(tmp_path / "a" / "b", visual('<mesh filename="package://pkg/m.obj"/>'))
+    warning, nothing_drawn = loaded(robot).description.warnings
     assert nothing_drawn == NOTHING_OF_ROBOT
     assert warning.startswith("link 'a': the mesh package://pkg/m.obj is not shown: the package 'pkg' is not")
-    scene = load_scene(source, SceneOptions(roots=(str(tmp_path / "packages"),)))
+    scene = loaded(robot, SceneOptions(roots=(str(tmp_path / "packages"),)))
     assert [file.path for file in scene.description.sources] == ["robot.urdf", "../../packages/pkg/m.obj"]

@@ -16,3 +16,9 @@ def analytic(tmp_path_factory: pytest.TempPathFactory) -> Dataset:
 @pytest.fixture
 def dest(tmp_path: Path) -> Path:
     return tmp_path / "dest"
+
+
+@pytest.fixture
+def dataset(tmp_path: Path) -> Path:
+    """A dataset of this test, beside ``dest``."""
+    return write_dataset(tmp_path / "out")

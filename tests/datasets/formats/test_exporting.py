@@ -29,12 +29,12 @@ def test_two_exports_have_the_same_bytes(analytic: Dataset, tmp_path: Path, name
     assert sorted(path.name for path in tmp_path.iterdir()) == ["a", "b"]
 
 
-def test_a_folder_with_files_is_left_alone(analytic: Dataset, tmp_path: Path) -> None:
-    (tmp_path / "dest").mkdir()
-    (tmp_path / "dest" / "mine").write_text("x")
+def test_a_folder_with_files_is_left_alone(analytic: Dataset, dest: Path) -> None:
+    dest.mkdir()
+    (dest / "mine").write_text("x")
     with pytest.raises(ExportError, match=r"dest .*not empty"):
-        export(analytic, tmp_path / "dest", "bop")
-    assert contents(tmp_path / "dest") == {"mine": b"x"}
+        export(analytic, dest, "bop")
+    assert contents(dest) == {"mine": b"x"}
 
 
 def test_what_a_killed_export_left_is_removed(analytic: Dataset, tmp_path: Path) -> None:
@@ -107,11 +107,10 @@ def test_links_and_folders_of_the_dataset_are_refused(tmp_path: Path) -> None:
     assert list((tmp_path / "mine").iterdir()) == []
 
 
-def test_a_failure_leaves_nothing(tmp_path: Path) -> None:
-    folder = write_dataset(tmp_path / "out")
-    (folder / "scenes" / "pile" / "view-1.instance.png").unlink()
+def test_a_failure_leaves_nothing(dataset: Path, tmp_path: Path) -> None:
+    (dataset / "scenes" / "pile" / "view-1.instance.png").unlink()
     with pytest.raises(RecordError, match=r"view-1\.instance\.png: No such file"):
-        export(Dataset(folder), tmp_path / "dest", "bop")
+        export(Dataset(dataset), tmp_path / "dest", "bop")
     assert [path.name for path in tmp_path.iterdir()] == ["out"]
 
 
@@ -128,59 +127,55 @@ def test_a_missing_package_is_named(analytic: Dataset, tmp_path: Path, monkeypat
         export(analytic, tmp_path / "dest", "hdf5")
 
 
-def test_an_image_outside_of_the_dataset_is_not_read(tmp_path: Path) -> None:
-    folder = write_dataset(tmp_path / "out")
-    path = folder / "manifest.jsonl"
+def test_an_image_outside_of_the_dataset_is_not_read(dataset: Path, tmp_path: Path) -> None:
+    path = dataset / "manifest.jsonl"
     path.write_text(path.read_text().replace("scenes/pile/view-0.color.png", "../secret.png"))
     with pytest.raises(RecordError, match=r"'\.\./secret\.png' .*outside"):
-        export(Dataset(folder), tmp_path / "dest", "coco")
+        export(Dataset(dataset), tmp_path / "dest", "coco")
 
 
 @pytest.mark.parametrize("path", ["scenes/pile/view-0.color.png", "scenes/pile", "models/block.ply", "models"])
-def test_nothing_behind_links_is_exported(tmp_path: Path, path: str) -> None:
-    folder = write_dataset(tmp_path / "out")
-    (folder / path).rename(tmp_path / "secret")
-    (folder / path).symlink_to(tmp_path / "secret")
+def test_nothing_behind_links_is_exported(dataset: Path, tmp_path: Path, path: str) -> None:
+    (dataset / path).rename(tmp_path / "secret")
+    (dataset / path).symlink_to(tmp_path / "secret")
     with pytest.raises(RecordError, match=r"outside .*symbolic link"):
-        export(Dataset(folder), tmp_path / "dest", "bop")
-    assert any("outside" in problem or "missing" in problem for problem in check_dataset(folder, 1).problems)
+        export(Dataset(dataset), tmp_path / "dest", "bop")
+    assert any("outside" in problem or "missing" in problem for problem in check_dataset(dataset, 1).problems)
 
 
-def test_a_scene_outside_of_the_dataset_is_not_read(tmp_path: Path) -> None:
-    folder = write_dataset(tmp_path / "out")
-    (folder / "scenes" / "pile").rename(tmp_path / "pile")
+def test_a_scene_outside_of_the_dataset_is_not_read(dataset: Path, tmp_path: Path) -> None:
+    (dataset / "scenes" / "pile").rename(tmp_path / "pile")
     for name in ("../../pile", "a\0b"):
         with pytest.raises(RecordError, match="lies outside of the dataset"):
-            Dataset(folder).scene(name)
+            Dataset(dataset).scene(name)
 
 
 @pytest.mark.parametrize("name", ["bop", "coco"])
 @pytest.mark.parametrize("images", [{}, {"depth": manifest.ImageFile("x", "", 0)}])
-def test_samples_without_color(tmp_path: Path, name: FormatName, images: dict[str, manifest.ImageFile]) -> None:
-    folder = write_dataset(tmp_path / "out")
-    path = folder / "manifest.jsonl"
+def test_samples_without_color(
+    dataset: Path, tmp_path: Path, name: FormatName, images: dict[str, manifest.ImageFile]
+) -> None:
+    path = dataset / "manifest.jsonl"
     records = list(manifest.read_lines(path, manifest.SampleRecord))
     records[0] = msgspec.structs.replace(records[0], images=images)
     path.write_bytes(b"".join(manifest.encode(record) + b"\n" for record in records))
     with pytest.raises(RecordError, match="pile/view-0 has no color image, only"):
-        export(Dataset(folder), tmp_path / "dest", name)
+        export(Dataset(dataset), tmp_path / "dest", name)
 
 
 @pytest.mark.parametrize("image_type", ["color", "instance", "depth"])
-def test_images_of_another_size_are_refused(tmp_path: Path, image_type: str) -> None:
-    folder = write_dataset(tmp_path / "out")
-    path = next((folder / "scenes" / "pile").glob(f"view-0.{image_type}.*"))
+def test_images_of_another_size_are_refused(dataset: Path, tmp_path: Path, image_type: str) -> None:
+    path = next((dataset / "scenes" / "pile").glob(f"view-0.{image_type}.*"))
     Image.new("L", (5000, 4000)).save(path)
     with pytest.raises(RecordError, match=f"view-0.{image_type}.*: 5000x4000 pixels, the camera has 64x48"):
-        export(Dataset(folder), tmp_path / "dest", "bop")
+        export(Dataset(dataset), tmp_path / "dest", "bop")
 
 
-def test_the_command(tmp_path: Path) -> None:
-    folder = write_dataset(tmp_path / "out")
-    ran = scenegate("dataset", "export", str(folder), str(tmp_path / "bop"), "--format", "bop")
+def test_the_command(dataset: Path, tmp_path: Path) -> None:
+    ran = scenegate("dataset", "export", str(dataset), str(tmp_path / "bop"), "--format", "bop")
     assert ran.exit_code == 0, ran.stderr
     assert "3 samples as bop" in ran.stderr
     assert (tmp_path / "bop" / "train_pbr" / "000001" / "rgb" / "000000.png").is_file()
-    again = scenegate("dataset", "export", str(folder), str(tmp_path / "bop"), "--format", "bop")
+    again = scenegate("dataset", "export", str(dataset), str(tmp_path / "bop"), "--format", "bop")
     assert again.exit_code == 1
     assert "not empty" in again.stderr

@@ -42,17 +42,11 @@ def test_a_track_of_poses(write: Write) -> None:
     path = write(FRAMES + "models = [{path = 'models/can.urdf', pose_track = 'poses.csv', scale = 2}]")
     (path.parent / "poses.csv").write_text("time,x,y,z,qw,qx,qy,qz\n0,0,0,1,1,0,0,0\n1,2,0,1,0,0,0,1\n")
     scene = load(path)
-    half = math.sqrt(0.5)
-    for frame, x, turn in (
-        (0, 0.0, np.eye(2)),
-        (1, 1.0, [(0, -1), (1, 0)]),
-        (2, 2.0, -np.eye(2)),
-        (4, 2.0, -np.eye(2)),
-    ):
+    quarter, half = [(0, -1), (1, 0)], -np.eye(2)
+    for frame, x, turn in ((0, 0.0, np.eye(2)), (1, 1.0, quarter), (2, 2.0, half), (4, 2.0, half)):
         X = world(at(scene, frame)[0])
         np.testing.assert_allclose(X[:3, 3], (x, 0.0, 1.0), atol=1e-12)
         np.testing.assert_allclose(X[:2, :2], 2.0 * np.array(turn), atol=1e-12)
-    assert half < 1.0
     assert at(scene, 0)[0] is scene
 
 
@@ -84,16 +78,11 @@ def animated(path: Path, interpolation: str = "LINEAR") -> None:
         slide = [value for each in slide for value in ((8, 0, 0), each, (4, 0, 0))]  # in-tangent, value, out-tangent
         turn = [value for each in turn for value in ((0, 0, 0, 0), each, (0, 0, 0, 0))]
     outputs = [builder.accessor(slide), builder.accessor(turn)]
-    builder.json["animations"] = [
-        {
-            "name": "go",
-            "samplers": [{"input": times, "output": each, "interpolation": interpolation} for each in outputs],
-            "channels": [
-                {"sampler": 0, "target": {"node": 0, "path": "translation"}},
-                {"sampler": 1, "target": {"node": 1, "path": "rotation"}},
-            ],
-        }
+    samplers = [{"input": times, "output": each, "interpolation": interpolation} for each in outputs]
+    channels = [
+        {"sampler": k, "target": {"node": k, "path": path}} for k, path in enumerate(("translation", "rotation"))
     ]
+    builder.json["animations"] = [{"name": "go", "samplers": samplers, "channels": channels}]
     path.write_text(json.dumps(builder.json))
 
 

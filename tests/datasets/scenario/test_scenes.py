@@ -41,6 +41,8 @@ from tests.support.waiting import SECONDS
 
 DROP = TABLE + "placement = {physics = 'mujoco'}\n"
 ROOT = Path(__file__).parents[3]
+Placed = tuple[float, float, float]
+"""X, y and yaw in degrees."""
 
 
 def scene(path: Path, number: int = 0, recorded: str = "") -> LoadedScene:
@@ -269,36 +271,6 @@ lights = {lamps = [{color = [[1, 0.5, 0.5], [0.5, 0.5, 1]]}], turn = [-180, 180]
     }
 
 
-@pytest.mark.parametrize(
-    ("a", "b", "gap", "expected"),
-    [
-        ((0.0, 0.0), (1.2, 0.0), 0.0, True),
-        ((0.0, 0.0), (1.2, 0.0), 0.3, False),
-        ((0.0, 0.0), (0.9, 0.0), 0.0, False),
-        ((0.0, 45.0), (1.15, 0.0), 0.0, False),
-        ((0.0, 45.0), (1.25, 0.0), 0.0, True),
-    ],
-)
-def test_exact_distances_of_boxes(a: tuple[float, float], b: tuple[float, float], gap: float, expected: bool) -> None:
-    """A turned unit box reaches 0.707 along x."""
-    boxes = [box_solid(translation(x, 0.0, 0.0) @ rotation_of(0.0, 0.0, yaw), (1.0, 1.0, 1.0)) for x, yaw in (a, b)]
-    assert are_apart(boxes[0], boxes[1], gap) is expected
-    assert are_apart(boxes[1], boxes[0], gap) is expected
-
-
-def test_boxes_with_overlapping_bounds_can_be_apart() -> None:
-    turned = box_solid(rotation_of(0.0, 0.0, 45.0), (1.0, 1.0, 1.0))
-    corner = box_solid(translation(0.9, 0.9, 0.0), (1.0, 1.0, 1.0))
-    assert are_apart(turned, corner, 0.05)
-    assert not are_apart(turned, box_solid(translation(0.8, 0.8, 0.0), (1.0, 1.0, 1.0)), 0.0)
-
-
-def test_choices_survive_json(write: Write) -> None:
-    before = choices(scene(write()))
-    text = json.dumps(json.loads(msgspec.json.encode(before)))
-    assert msgspec.json.decode(text, type=SceneChoices) == before
-
-
 def test_a_dataset_of_a_scenario(write: Write, tmp_path: Path) -> None:
     """Numbers of scenes, a run that goes on, records of another dataset, and what is refused."""
     path = write()
@@ -359,6 +331,26 @@ def test_records_that_were_edited_are_refused(write: Write, tmp_path: Path, edit
         scene(path, 3, str(tmp_path / "out"))
 
 
+@pytest.mark.parametrize(
+    ("a", "b", "gap", "expected"),
+    [
+        ((0.0, 0.0, 0.0), (1.2, 0.0, 0.0), 0.0, True),
+        ((0.0, 0.0, 0.0), (1.2, 0.0, 0.0), 0.3, False),
+        ((0.0, 0.0, 0.0), (0.9, 0.0, 0.0), 0.0, False),
+        ((0.0, 0.0, 45.0), (1.15, 0.0, 0.0), 0.0, False),
+        ((0.0, 0.0, 45.0), (1.25, 0.0, 0.0), 0.0, True),
+        ((0.0, 0.0, 45.0), (0.9, 0.9, 0.0), 0.05, True),  # although their bounds overlap
+        ((0.0, 0.0, 45.0), (0.8, 0.8, 0.0), 0.0, False),
+    ],
+)
+def test_exact_distances_of_boxes(a: Placed, b: Placed, gap: float, expected: bool) -> None:
+    """A turned unit box reaches 0.707 along x."""
+    first, second = (
+        box_solid(translation(x, y, 0.0) @ rotation_of(0.0, 0.0, yaw), (1.0, 1.0, 1.0)) for x, y, yaw in (a, b)
+    )
+    assert (are_apart(first, second, gap), are_apart(second, first, gap)) == (expected, expected)
+
+
 def test_objects_without_extent_are_left_out(write: Write) -> None:
     text = "models = [{path = 'point.obj'}, {path = 'models/can.urdf', scale = 1e-300}, {path = 'models/ball.urdf'}]"
     path = write(text)
@@ -384,15 +376,11 @@ def test_two_scenarios_of_one_name(write: Write, tmp_path: Path) -> None:
         find_sources([path, tmp_path / path.name])
 
 
-@pytest.mark.parametrize(("text", "numbers"), [("7", range(7, 8)), ("2-4", range(2, 5)), ("", None)])
-def test_numbers_of_scenes_of_a_command(text: str, numbers: range | None) -> None:
-    assert _parse_scene_numbers(text) == numbers
-
-
-@pytest.mark.parametrize("text", ["1-", "-1", "3-2", "a", "-"])
-def test_numbers_that_are_no_range(text: str) -> None:
-    with pytest.raises(ValueError, match="must be a number, or FIRST-LAST"):
-        _parse_scene_numbers(text)
+def test_numbers_of_scenes_of_a_command() -> None:
+    assert [_parse_scene_numbers(text) for text in ("7", "2-4", "")] == [range(7, 8), range(2, 5), None]
+    for text in ("1-", "-1", "3-2", "a", "-"):
+        with pytest.raises(ValueError, match="must be a number, or FIRST-LAST"):
+            _parse_scene_numbers(text)
 
 
 def test_options_of_scenarios_without_a_scenario(write: Write, tmp_path: Path) -> None:
