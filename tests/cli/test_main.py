@@ -10,7 +10,15 @@ import pytest
 
 from scenegate import cli
 from scenegate.cli import play
-from tests.support.command import scenegate
+from tests.support.command import Ran, scenegate
+
+
+def play_that_raises(monkeypatch: pytest.MonkeyPatch, error: BaseException) -> Ran:
+    def fail(options: object) -> NoReturn:
+        raise error
+
+    monkeypatch.setattr(play, "run", fail)
+    return scenegate("play", __file__)
 
 
 @pytest.mark.parametrize(
@@ -21,24 +29,17 @@ from tests.support.command import scenegate
         (ImportError("no lcm"), "no lcm"),
         (OSError("out.png: it took longer than 3 s"), "out.png: it took longer than 3 s"),
         (OSError(errno.ENOENT, "No such file or directory", "scene.glb"), "scene.glb: No such file or directory"),
+        (BrokenPipeError(errno.EPIPE, "Broken pipe"), "Broken pipe"),
     ],
 )
 def test_expected_errors_are_one_sentence(monkeypatch: pytest.MonkeyPatch, error: Exception, text: str) -> None:
-    def fail(options: object) -> NoReturn:
-        raise error
-
-    monkeypatch.setattr(play, "run", fail)
-    ran = scenegate("play", __file__)
-    assert (ran.exit_code, ran.stderr) == (1, f"scenegate: {text}\n")
+    assert play_that_raises(monkeypatch, error) == Ran(1, "", f"scenegate: {text}\n")
 
 
-def test_an_interrupt_is_silent(monkeypatch: pytest.MonkeyPatch) -> None:
-    def interrupt(options: object) -> NoReturn:
-        raise KeyboardInterrupt
-
-    monkeypatch.setattr(play, "run", interrupt)
-    ran = scenegate("play", __file__)
-    assert (ran.exit_code, ran.stderr) == (130, "")
+def test_an_interrupt_is_silent_and_other_errors_keep_their_traceback(monkeypatch: pytest.MonkeyPatch) -> None:
+    assert play_that_raises(monkeypatch, KeyboardInterrupt()) == Ran(130, "", "")
+    with pytest.raises(KeyError):
+        play_that_raises(monkeypatch, KeyError("a fault"))
 
 
 HANGUP = """
@@ -75,15 +76,6 @@ def test_commands_run_in_any_thread() -> None:
     assert (ran.returncode, ran.stdout, ran.stderr) == (0, "ran\n", "")
 
 
-def test_other_errors_keep_their_traceback(monkeypatch: pytest.MonkeyPatch) -> None:
-    def fail(options: object) -> NoReturn:
-        raise KeyError("a fault")
-
-    monkeypatch.setattr(play, "run", fail)
-    with pytest.raises(KeyError):
-        scenegate("play", __file__)
-
-
 def test_help_lists_the_commands_of_both_distributions() -> None:
     shown = scenegate("--help")
     assert shown.exit_code == 0
@@ -115,7 +107,5 @@ def test_commands_of_the_server_have_entry_points() -> None:
 def test_without_the_server_the_remedy_is_named(command: str, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(cli, "entry_points", lambda **_: [])
     ran = scenegate(command, "--help")
-    assert (ran.exit_code, ran.stderr) == (
-        1,
-        f"scenegate: `scenegate {command}` needs the server, which is not installed: pip install scenegate\n",
-    )
+    remedy = f"`scenegate {command}` needs the server, which is not installed: pip install scenegate"
+    assert (ran.exit_code, ran.stderr) == (1, f"scenegate: {remedy}\n")

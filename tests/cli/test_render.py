@@ -18,25 +18,22 @@ from tests.support.waiting import SECONDS
 
 
 def test_types_are_in_a_fixed_order() -> None:
-    assert _parse_types("label, color") == ("color", "label")
-    assert _parse_types("depth,depth,") == ("depth",)
-    assert _parse_types("label,depth,color") == ("color", "depth", "label")
-
-
-@pytest.mark.parametrize("text", ["", ",", "colour", "color,normals"])
-def test_unknown_types_are_rejected(text: str) -> None:
-    with pytest.raises(ValueError, match=r"--type .*color, depth, label, instance"):
-        _parse_types(text)
+    given = {
+        "label, color": ("color", "label"),
+        "depth,depth,": ("depth",),
+        "label,depth,color": ("color", "depth", "label"),
+    }
+    assert {text: _parse_types(text) for text in given} == given
+    for text in ("", ",", "colour", "color,normals"):
+        with pytest.raises(ValueError, match=r"--type .*color, depth, label, instance"):
+            _parse_types(text)
 
 
 def test_colors_have_three_numbers_up_to_255() -> None:
     assert _parse_color("0, 128,255") == (0, 128, 255)
-
-
-@pytest.mark.parametrize("text", ["", "1,2", "1,2,3,4", "1,2,256", "-1,2,3", "0,0,-1", "1,2,x"])
-def test_other_colors_are_rejected(text: str) -> None:
-    with pytest.raises(ValueError, match=r"--background .*255"):
-        _parse_color(text)
+    for text in ("", "1,2", "1,2,3,4", "1,2,256", "-1,2,3", "0,0,-1", "1,2,x"):
+        with pytest.raises(ValueError, match=r"--background .*255"):
+            _parse_color(text)
 
 
 def render(monkeypatch: pytest.MonkeyPatch, *arguments: str) -> Result:
@@ -60,35 +57,22 @@ def scenes(tmp_path: Path) -> tuple[str, str]:
     return str(tmp_path / "scene.glb"), str(tmp_path / "folder.png")
 
 
-@pytest.mark.parametrize("samples", ["2", "3", "16"])
-def test_other_numbers_of_samples_are_rejected(
-    monkeypatch: pytest.MonkeyPatch, scenes: tuple[str, str], samples: str
-) -> None:
-    result = render(monkeypatch, scenes[0], "-o", "out.png", "--samples", samples)
-    assert str(result.exception) == f"--samples {samples} is not one of 0, 1, 4, 8"
+def test_other_numbers_of_samples_are_rejected(monkeypatch: pytest.MonkeyPatch, scenes: tuple[str, str]) -> None:
+    for samples in ("2", "3", "16"):
+        result = render(monkeypatch, scenes[0], "-o", "out.png", "--samples", samples)
+        assert str(result.exception) == f"--samples {samples} is not one of 0, 1, 4, 8"
 
 
 def test_one_image_needs_one_file_one_type_and_no_camera_file(
     monkeypatch: pytest.MonkeyPatch, scenes: tuple[str, str]
 ) -> None:
     file, folder = scenes
-    for arguments in (
-        (file, file),
-        (folder,),
-        (file, "--type", "color,depth"),
-        (file, "--cameras", file),
-    ):
+    for arguments in ((file, file), (folder,), (file, "--type", "color,depth"), (file, "--cameras", file)):
         result = render(monkeypatch, *arguments, "-o", "out.PNG")
         assert "out.PNG is one image: for more scenes, types or cameras" in str(result.exception)
     assert type(render(monkeypatch, file, "-o", "out.PNG").exception).__name__ == "KernelsNeeded"
-
-
-def test_an_existing_folder_may_have_the_suffix_of_an_image(
-    monkeypatch: pytest.MonkeyPatch, scenes: tuple[str, str]
-) -> None:
-    file, folder = scenes
-    result = render(monkeypatch, file, file, "-o", folder)
-    assert type(result.exception).__name__ == "KernelsNeeded"
+    # A folder that exists may have the suffix of an image.
+    assert type(render(monkeypatch, file, file, "-o", folder).exception).__name__ == "KernelsNeeded"
 
 
 @pytest.mark.parametrize(

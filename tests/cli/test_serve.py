@@ -62,9 +62,6 @@ def test_flags_become_settings(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) 
     assert code == 0
     assert (settings.http_port, settings.queue, settings.demo, settings.stereo_noise) == (9000, 5, True, False)
     assert settings.only == ("render", "view")
-
-
-def test_flags_that_are_not_given_keep_their_defaults(monkeypatch: pytest.MonkeyPatch) -> None:
     _, (settings,), _ = flags(monkeypatch)
     assert settings == Settings()
 

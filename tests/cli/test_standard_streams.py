@@ -1,15 +1,10 @@
 """Standard streams of the command, as shells and service managers start it."""
 
-import errno
 import os
 import subprocess
 import sys
-from typing import NoReturn
 
 import pytest
-
-from scenegate.cli import play
-from tests.support.command import scenegate
 
 COMMAND = f"{sys.executable} -m scenegate"
 
@@ -40,15 +35,6 @@ def test_the_end_of_the_reader_of_stdout_is_silent(program: tuple[str, ...]) -> 
         os.close(writer)
     assert ran.returncode in (0, 1)
     assert ran.stderr == b""
-
-
-def test_another_broken_pipe_is_an_error(monkeypatch: pytest.MonkeyPatch) -> None:
-    def fail(options: object) -> NoReturn:
-        raise BrokenPipeError(errno.EPIPE, "Broken pipe")
-
-    monkeypatch.setattr(play, "run", fail)
-    ran = scenegate("play", __file__)
-    assert (ran.exit_code, ran.stderr) == (1, "scenegate: Broken pipe\n")
 
 
 @pytest.mark.parametrize("encoding", ["ascii", "ascii:surrogateescape"])

@@ -4,14 +4,14 @@ import html
 import sys
 from collections.abc import Iterator
 from html.parser import HTMLParser
-from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
-from threading import Thread
+from http.server import BaseHTTPRequestHandler
 from types import ModuleType
 
 import pytest
 
 from scenegate import AsyncTreeViewer
 from scenegate.tree.notebook import NotebookFrame, NotebookViews
+from tests.support.http_stub import http_server
 from tests.support.waiting import SECONDS
 
 PAGE = '<!doctype html><p title="a">1 & 2</p><script>"</script>'
@@ -28,22 +28,13 @@ def gateway() -> Iterator[tuple[str, list[str]]]:
     """URL of a server with a page and an image, and its requests."""
     requests: list[str] = []
 
-    class Gateway(BaseHTTPRequestHandler):
-        def do_GET(self) -> None:
-            requests.append(f"{self.path} {self.headers['Authorization']}")
-            self.send_response(400 if "nowhere" in self.path else 200)
-            self.end_headers()
-            self.wfile.write(PAGE.encode() if ".html" in self.path else b"camera='nowhere' is not a camera")
+    def answer(request: BaseHTTPRequestHandler) -> tuple[int, bytes]:
+        requests.append(f"{request.path} {request.headers['Authorization']}")
+        content = PAGE.encode() if ".html" in request.path else b"camera='nowhere' is not a camera"
+        return 400 if "nowhere" in request.path else 200, content
 
-        def log_message(self, *_: object) -> None:
-            pass
-
-    with ThreadingHTTPServer(("127.0.0.1", 0), Gateway) as server:
-        thread = Thread(target=server.serve_forever, args=(0.01,))
-        thread.start()
-        yield f"http://127.0.0.1:{server.server_port}", requests
-        server.shutdown()
-        thread.join()
+    with http_server(answer) as url:
+        yield url, requests
 
 
 def frame_of(shown: NotebookFrame) -> dict[str, str | None]:

@@ -24,6 +24,7 @@ from tests.support.waiting import SECONDS
 pytestmark = pytest.mark.compose
 
 API = "/api/v2/pipelines/0/nodes"
+OCTETS = "data:application/octet-stream;base64,"
 _CORNERS = np.array(((-1, 0, -1), (1, 0, -1), (0, 0, 1)), np.float32)
 TRIANGLE = {
     "asset": {"version": "2.0"},
@@ -34,12 +35,7 @@ TRIANGLE = {
         {"bufferView": 0, "componentType": 5126, "count": 3, "type": "VEC3", "min": [-1, 0, -1], "max": [1, 0, 1]}
     ],
     "bufferViews": [{"buffer": 0, "byteLength": 36}],
-    "buffers": [
-        {
-            "byteLength": 36,
-            "uri": "data:application/octet-stream;base64," + base64.b64encode(_CORNERS.tobytes()).decode(),
-        }
-    ],
+    "buffers": [{"byteLength": 36, "uri": f"{OCTETS}{base64.b64encode(_CORNERS.tobytes()).decode()}"}],
     "materials": [{"doubleSided": True}],
 }
 """A triangle."""

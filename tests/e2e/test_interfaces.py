@@ -63,17 +63,14 @@ def publish_box(running: Running) -> dict[str, Any]:
             responses.append(response)
 
     bus.subscribe("DIRECTOR_TREE_VIEWER_RESPONSE_<e2e>", on_response)
+    box = {"type": "box", "lengths": [0.5, 0.5, 0.5], "color": [1.0, 0.0, 0.0, 1.0]}
+    pose = {"translation": [0, 0, 0], "quaternion": [1, 0, 0, 0]}
     request: dict[str, Any] = {
         "utime": 1,
         "timestamp": 1,
         "delete": [],
-        "setgeometry": [
-            {
-                "path": ["crate"],
-                "geometry": {"type": "box", "lengths": [0.5, 0.5, 0.5], "color": [1.0, 0.0, 0.0, 1.0]},
-            }
-        ],
-        "settransform": [{"path": ["crate"], "transform": {"translation": [0, 0, 0], "quaternion": [1, 0, 0, 0]}}],
+        "setgeometry": [{"path": ["crate"], "geometry": box}],
+        "settransform": [{"path": ["crate"], "transform": pose}],
     }
     bus.publish("DIRECTOR_TREE_VIEWER_REQUEST_<e2e>", viewer2_comms(request))
     while not responses:
@@ -94,10 +91,8 @@ def test_renders_a_published_box(running: Running) -> None:
     assert response["status"] == 0, response
     listed = running.http.get("/scene").json()
     (crate,) = [node for node in listed["nodes"] if node["path"] == ["crate"]]
-    image = running.http.get(
-        "/scene/render",
-        params={"camera": "eye=2,0,0;target=0,0,0;fovy=30", "type": "label", "width": 64, "height": 64},
-    )
+    query: dict[str, Any] = {"camera": "eye=2,0,0;target=0,0,0;fovy=30", "type": "label", "width": 64, "height": 64}
+    image = running.http.get("/scene/render", params=query)
     assert image.status_code == 200, image.text
     bgr = cv2.imdecode(np.frombuffer(image.content, np.uint8), cv2.IMREAD_COLOR)
     assert bgr is not None

@@ -3,9 +3,7 @@
 import base64
 import io
 from collections.abc import Iterator
-from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
-from threading import Thread
 from typing import Any
 
 import numpy as np
@@ -15,6 +13,7 @@ from PIL import Image
 from tests.support import clients
 from tests.support.browser import chromium, new_page
 from tests.support.gateway_process import gateway_process
+from tests.support.http_stub import http_server
 from tests.support.liblcm import liblcm
 from tests.support.waiting import SECONDS, wait_until
 
@@ -52,24 +51,11 @@ def page(outputs: dict[str, dict[str, Any]]) -> Iterator[Any]:
     """A page of another origin with the outputs, as Jupyter shows them."""
     body = "".join(data.get("text/html", "") for data in outputs.values())
 
-    class Notebook(BaseHTTPRequestHandler):
-        def do_GET(self) -> None:
-            self.send_response(200)
-            self.send_header("Content-Type", "text/html; charset=utf-8")
-            self.end_headers()
-            self.wfile.write(f"<!doctype html><title>Notebook</title>{body}".encode())
-
-        def log_message(self, *_: object) -> None:
-            pass
-
-    with chromium() as browser, ThreadingHTTPServer(("127.0.0.1", 0), Notebook) as server:
-        thread = Thread(target=server.serve_forever, args=(0.01,))
-        thread.start()
+    content = f"<!doctype html><title>Notebook</title>{body}".encode()
+    with chromium() as browser, http_server(lambda _: (200, content), "text/html; charset=utf-8") as url:
         opened = new_page(browser, viewport={"width": 1000, "height": 1000})
-        opened.goto(f"http://localhost:{server.server_port}")
+        opened.goto(url.replace("127.0.0.1", "localhost"))
         yield opened
-        server.shutdown()
-        thread.join()
 
 
 def red_share(pixels: Any) -> float:
@@ -104,7 +90,5 @@ def test_both_frames_show_the_scene(page: Any, number: int) -> None:
 
 def test_the_static_page_cannot_reach_the_notebook(page: Any) -> None:
     inner = page.frames[2]
-    assert (
-        inner.evaluate("() => { try { return parent.document.title; } catch (error) { return error.name; } }")
-        == "SecurityError"
-    )
+    title = "() => { try { return parent.document.title; } catch (error) { return error.name; } }"
+    assert inner.evaluate(title) == "SecurityError"

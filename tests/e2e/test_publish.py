@@ -3,11 +3,15 @@
 import asyncio
 import json
 import sys
+from asyncio.subprocess import Process
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from gateway.adapters.treeviewer.service import TreeViewerService
 from gateway.scene.tree.geometry import PointCloud, Surface
 from gateway.scene.tree.live import LiveTree
 from tests.adapters.treeviewer.transports import serving
@@ -47,6 +51,22 @@ def lcm() -> None:
     liblcm()
 
 
+@asynccontextmanager
+async def publishing(service: TreeViewerService, path: Path, *options: str) -> AsyncIterator[Process]:
+    """Publish a file to a tree viewer until the end."""
+    arguments = ("publish", str(path), *options, "--lcm-url", url_of(service), *PATIENT)
+    process = await asyncio.create_subprocess_exec(sys.executable, "-m", "scenegate", *arguments)
+    try:
+        yield process
+    finally:
+        process.terminate()
+        await process.wait()
+
+
+def url_of(service: TreeViewerService) -> str:
+    return f"tcpq://127.0.0.1:{service.tcpq_port}"
+
+
 async def scenegate(*arguments: str | Path) -> command.Ran:
     return await asyncio.to_thread(command.scenegate, *map(str, arguments))
 
@@ -65,67 +85,48 @@ async def test_a_robot_is_published_again_when_its_files_change(tmp_path: Path) 
     visual = '<visual><geometry><mesh filename="m.obj"/></geometry></visual>'
     mesh.write_text(TRIANGLE)
     write_robot(f'<link name="a">{visual}</link>')
-    async with serving(live=live) as service:
-        url = f"tcpq://127.0.0.1:{service.tcpq_port}"
-        arguments = ("publish", str(path), "--reload", "--lcm-url", url, *PATIENT)
-        process = await asyncio.create_subprocess_exec(sys.executable, "-m", "scenegate", *arguments)
-        try:
-            await until(lambda: parts_of("a") == 1)
-            write_robot("<link")  # an error is printed, and the next change is awaited
-            write_robot('<link name="b"/>')
-            await until(lambda: parts_of("b") == 0 and parts_of("a") == -1)
-            write_robot(f'<link name="a">{visual}</link>')
-            await until(lambda: parts_of("a") == 1)
-            mesh.write_text("")
-            await until(lambda: parts_of("a") <= 0)
-            mesh.write_text(TRIANGLE)
-            await until(lambda: parts_of("a") == 1)
-        finally:
-            process.terminate()
-            await process.wait()
+    async with serving(live=live) as service, publishing(service, path, "--reload"):
+        await until(lambda: parts_of("a") == 1)
+        write_robot("<link")  # an error is printed, and the next change is awaited
+        write_robot('<link name="b"/>')
+        await until(lambda: parts_of("b") == 0 and parts_of("a") == -1)
+        write_robot(f'<link name="a">{visual}</link>')
+        await until(lambda: parts_of("a") == 1)
+        mesh.write_text("")
+        await until(lambda: parts_of("a") <= 0)
+        mesh.write_text(TRIANGLE)
+        await until(lambda: parts_of("a") == 1)
 
 
 async def test_sliders_move_a_robot_until_the_command_ends(tmp_path: Path) -> None:
     live, robot = LiveTree(), write(tmp_path, ARM)
     async with serving(live=live) as service:
-        arguments = ("publish", str(robot), "--path", "arm", "--joint", "shoulder=0.5")
-        url = ("--lcm-url", f"tcpq://127.0.0.1:{service.tcpq_port}", *PATIENT)
-        process = await asyncio.create_subprocess_exec(sys.executable, "-m", "scenegate", *arguments, *url)
-        try:
+        async with publishing(service, robot, "--path", "arm", "--joint", "shoulder=0.5") as process:
             await until(lambda: shown(service) == {"arm/shoulder": 0.5, "arm/elbow": 0.0, "arm/Reset": 0})
             hand = live.snapshot.root.children["arm"].children["hand"].matrix
             change(service, "arm/shoulder", 1.0)
             await until(lambda: (live.snapshot.root.children["arm"].children["hand"].matrix != hand).any())
-        finally:
-            process.terminate()
-            exit_code = await process.wait()
-        assert exit_code == 0
+        assert process.returncode == 0
         await until(lambda: not shown(service))
 
 
 @pytest.mark.slow
 async def test_sliders_stay_when_a_robot_is_published_again(tmp_path: Path) -> None:
     robot = write(tmp_path, ARM)
-    async with serving() as service:
-        arguments = ("publish", str(robot), "--path", "arm", "--reload")
-        url = ("--lcm-url", f"tcpq://127.0.0.1:{service.tcpq_port}", *PATIENT)
-        process = await asyncio.create_subprocess_exec(sys.executable, "-m", "scenegate", *arguments, *url)
-        try:
-            await until(lambda: shown(service) == {"arm/shoulder": 0.0, "arm/elbow": 0.0, "arm/Reset": 0})
-            change(service, "arm/shoulder", 1.0)
-            robot.write_text(ARM.replace('name="elbow"', 'name="knee"').replace('joint="elbow"', 'joint="knee"'))
-            await until(lambda: shown(service) == {"arm/shoulder": 1.0, "arm/knee": 0.0, "arm/Reset": 0})
-        finally:
-            process.terminate()
-            await process.wait()
+    async with serving() as service, publishing(service, robot, "--path", "arm", "--reload"):
+        await until(lambda: shown(service) == {"arm/shoulder": 0.0, "arm/elbow": 0.0, "arm/Reset": 0})
+        change(service, "arm/shoulder", 1.0)
+        robot.write_text(ARM.replace('name="elbow"', 'name="knee"').replace('joint="elbow"', 'joint="knee"'))
+        await until(lambda: shown(service) == {"arm/shoulder": 1.0, "arm/knee": 0.0, "arm/Reset": 0})
 
 
 async def test_requests_are_published_below_a_path(tmp_path: Path) -> None:
     live = LiveTree()
     (tmp_path / "scene.json").write_text(json.dumps(REQUEST))
     async with serving(live=live) as service:
-        url = f"tcpq://127.0.0.1:{service.tcpq_port}"
-        done = await scenegate("publish", tmp_path / "scene.json", "--path", "robot/base", "--lcm-url", url, *PATIENT)
+        done = await scenegate(
+            "publish", tmp_path / "scene.json", "--path", "robot/base", "--lcm-url", url_of(service), *PATIENT
+        )
     assert done.exit_code == 0, done.stderr
     assert "deleted: robot/base/gone\nset: robot/base/a, robot/base/b/c\nmoved: robot/base/a\n" in done.stdout
     base = live.snapshot.root.find(("robot", "base"))
@@ -140,22 +141,18 @@ async def test_mesh_files_are_published(faces: bool, tmp_path: Path) -> None:
     text = f"{PLY}{FACES if faces else ''}end_header\n{ROWS}{'3 0 1 2' if faces else ''}\n"
     (tmp_path / "thing.ply").write_text(text)
     async with serving(live=live) as service:
-        url = f"tcpq://127.0.0.1:{service.tcpq_port}"
-        done = await scenegate("publish", tmp_path / "thing.ply", "--lcm-url", url, *PATIENT)
+        done = await scenegate("publish", tmp_path / "thing.ply", "--lcm-url", url_of(service), *PATIENT)
     assert done.exit_code == 0, done.stderr
     (part,) = live.snapshot.root.children["thing"].parts or ()
-    corners = [(0, 0, 0), (0, 1, 0), (1, 0, 0)]
     if faces:
         assert isinstance(part.shape, Surface)
-        np.testing.assert_allclose(sorted(map(tuple, part.shape.mesh.positions.tolist())), corners)
-        assert part.shape.mesh.colors is not None
-        np.testing.assert_allclose(
-            sorted(map(tuple, part.shape.mesh.colors[:, :3].tolist())), sorted(map(tuple, np.eye(3)))
-        )
+        corners, colors = part.shape.mesh.positions, part.shape.mesh.colors
+        assert colors is not None
     else:
         assert isinstance(part.shape, PointCloud)
-        np.testing.assert_allclose(sorted(map(tuple, part.shape.points.tolist())), corners)
-        np.testing.assert_allclose(part.shape.channels["rgb"][:, :3], np.eye(3))
+        corners, colors = part.shape.points, part.shape.channels["rgb"]
+    np.testing.assert_allclose(sorted(corners.tolist()), [(0, 0, 0), (0, 1, 0), (1, 0, 0)])
+    np.testing.assert_allclose(sorted(colors[:, :3].tolist()), np.eye(3)[::-1])
 
 
 @pytest.mark.parametrize(
@@ -182,7 +179,7 @@ async def test_fields_that_are_ignored_are_named(tmp_path: Path) -> None:
     file = tmp_path / "x.json"
     file.write_text(json.dumps({"settransfrom": [], "setgeometry": [{"path": ["a"], "geometri": {}}]}))
     async with serving() as service:
-        done = await scenegate("publish", file, "--lcm-url", f"tcpq://127.0.0.1:{service.tcpq_port}", *PATIENT)
+        done = await scenegate("publish", file, "--lcm-url", url_of(service), *PATIENT)
     assert done.exit_code == 0
     assert "'settransfrom'" in done.stderr
     assert "'geometri'" in done.stderr
@@ -191,9 +188,8 @@ async def test_fields_that_are_ignored_are_named(tmp_path: Path) -> None:
 async def test_a_broken_mesh_is_named(tmp_path: Path) -> None:
     (tmp_path / "x.obj").write_text("v 1\n")
     async with serving() as service:
-        url = f"tcpq://127.0.0.1:{service.tcpq_port}"
-        done = await scenegate("publish", tmp_path / "x.obj", "--lcm-url", url, *PATIENT)
-        refused = await scenegate("publish", tmp_path / "x.obj", "--strict", "--lcm-url", url, *PATIENT)
+        done = await scenegate("publish", tmp_path / "x.obj", "--lcm-url", url_of(service), *PATIENT)
+        refused = await scenegate("publish", tmp_path / "x.obj", "--strict", "--lcm-url", url_of(service), *PATIENT)
     assert "x.obj" in done.stderr
     assert refused.exit_code == 1
     assert "(refused: --strict)" in refused.stderr
@@ -203,20 +199,27 @@ async def test_plays_a_recorded_log(tmp_path: Path) -> None:
     log, live = tmp_path / "out.lcmlog", LiveTree()
     (tmp_path / "scene.json").write_text(json.dumps(REQUEST))
     async with serving() as service:
-        url = f"tcpq://127.0.0.1:{service.tcpq_port}"
         recorder = await asyncio.create_subprocess_exec(
-            sys.executable, "-m", "scenegate", "record", str(log), "--lcm-url", url, stderr=asyncio.subprocess.PIPE
+            sys.executable,
+            "-m",
+            "scenegate",
+            "record",
+            str(log),
+            "--lcm-url",
+            url_of(service),
+            stderr=asyncio.subprocess.PIPE,
         )
         assert recorder.stderr is not None
         async with asyncio.timeout(SECONDS):
             assert await recorder.stderr.readline() == b"Recording ...\n"
-            assert (await scenegate("publish", tmp_path / "scene.json", "--lcm-url", url, *PATIENT)).exit_code == 0
+            assert (
+                await scenegate("publish", tmp_path / "scene.json", "--lcm-url", url_of(service), *PATIENT)
+            ).exit_code == 0
             recorder.terminate()
             assert b"messages" in await recorder.stderr.read()
             assert await recorder.wait() == 0
     async with serving(live=live) as service:
-        url = f"tcpq://127.0.0.1:{service.tcpq_port}"
-        done = await scenegate("play", log, "--lcm-url", url, "--rate", "0", "--channels", ".*REQUEST.*")
+        done = await scenegate("play", log, "--lcm-url", url_of(service), "--rate", "0", "--channels", ".*REQUEST.*")
         assert done.exit_code == 0, done.stderr
         assert "messages played" in done.stderr
         await until(lambda: set(live.snapshot.root.children) == {"a", "b"})

@@ -16,16 +16,10 @@ import pytest
 import gateway.app
 from gateway.runtime.settings import SettingsError
 from tests.conftest import DemoGateway
-from tests.support import clients, forms
+from tests.support import clients
 from tests.support.gateway_process import GatewayProcess, gateway_process, refused
 from tests.support.ports import free_ports
 from tests.support.waiting import SECONDS
-
-
-def test_everything_is_ready(demo_gateway: DemoGateway) -> None:
-    ready = clients.get(f"{demo_gateway.url}/readyz")
-    assert ready.status_code == 200
-    assert ready.json()["status"] == "ready"
 
 
 def test_docs_work_offline(demo_gateway: DemoGateway) -> None:
@@ -38,26 +32,10 @@ def test_docs_work_offline(demo_gateway: DemoGateway) -> None:
     assert {"/render", "/healthz"} <= clients.get(f"{url}/openapi.json").json()["paths"].keys()
 
 
-def test_renders_a_posted_scene(demo_gateway: DemoGateway) -> None:
-    answer = clients.post(
-        f"{demo_gateway.url}/render",
-        content=forms.body(forms.gltf(), forms.drake_fields("label")),
-        headers={"Content-Type": forms.CONTENT_TYPE},
-    )
-    assert answer.status_code == 200, answer.text
-    assert answer.content.startswith(b"\x89PNG\r\n")
-
-
 @pytest.fixture(scope="module")
 def render_only() -> Iterator[tuple[GatewayProcess, str]]:
-    with gateway_process("--only", "render", "--max-body-mb", "1") as started:
+    with gateway_process("--only", "render") as started:
         yield started
-
-
-def test_a_body_beyond_the_limit_is_413(render_only: tuple[GatewayProcess, str]) -> None:
-    content = b"x" * (2 << 20)
-    response = clients.post(f"{render_only[1]}/render", content=content, headers={"Content-Type": forms.CONTENT_TYPE})
-    assert response.status_code == 413
 
 
 @pytest.mark.parametrize("number", [signal.SIGTERM, pytest.param(signal.SIGINT, marks=pytest.mark.slow)])

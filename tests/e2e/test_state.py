@@ -45,16 +45,10 @@ def observe(url: str) -> tuple[Any, bytes, Any]:
 def test_tree_and_parameters_survive_kill_9_and_a_restart(tmp_path: Path) -> None:
     state = tmp_path / "gateway.state"
     with gateway_process(*FLAGS, "--state", str(state)) as (process, url):
-        answer = send(
-            url,
-            {
-                "setgeometry": [{"path": ["box", "it"], "geometry": BOX}, {"path": ["cloud"], "geometry": CLOUD}],
-                "settransform": [
-                    {"path": ["box"], "transform": {"translation": [1, 2, 3], "quaternion": [0.5, 0.5, 0.5, 0.5]}},
-                    {"path": ["nothing yet"], "transform": {"translation": [1, 0, 0], "quaternion": [1, 0, 0, 0]}},
-                ],
-            },
-        )
+        placed = {"translation": [1, 2, 3], "quaternion": [0.5, 0.5, 0.5, 0.5]}
+        moves = [{"path": [path], "transform": placed} for path in ("box", "nothing yet")]
+        shapes = [{"path": ["box", "it"], "geometry": BOX}, {"path": ["cloud"], "geometry": CLOUD}]
+        answer = send(url, {"setgeometry": shapes, "settransform": moves})
         assert answer["status"] == 1, answer
         assert answer["missing_paths"] == [["nothing yet"]]
         put = clients.put(f"{url}/api/v2/pipelines/0/nodes/rc_camera/parameters/fps", json={"value": 7.5})

@@ -1,8 +1,7 @@
 """The pages below a path prefix and in a notebook's frame, in a real browser."""
 
 from collections.abc import Iterator
-from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
-from threading import Thread
+from http.server import BaseHTTPRequestHandler
 from typing import Any
 
 import pytest
@@ -11,6 +10,7 @@ from scenegate import Box, TreeViewer
 from tests.adapters.viewer.page import FLAGS, View, hub_url
 from tests.support.browser import new_page
 from tests.support.gateway_process import gateway_process
+from tests.support.http_stub import http_server
 from tests.support.prefix_proxy import prefix_proxy
 from tests.support.waiting import SECONDS, wait_until
 
@@ -23,24 +23,12 @@ PREFIX = "/user/ann/proxy/8000"
 def notebook() -> Iterator[str]:
     """URL of a page of another origin, which shows the page of its query in a frame."""
 
-    class Notebook(BaseHTTPRequestHandler):
-        def do_GET(self) -> None:
-            source = self.path.partition("?")[2]
-            body = f"<!doctype html><iframe src='{source}' width=900 height=600></iframe>".encode()
-            self.send_response(200)
-            self.send_header("Content-Type", "text/html")
-            self.end_headers()
-            self.wfile.write(body)
+    def answer(request: BaseHTTPRequestHandler) -> tuple[int, bytes]:
+        source = request.path.partition("?")[2]
+        return 200, f"<!doctype html><iframe src='{source}' width=900 height=600></iframe>".encode()
 
-        def log_message(self, *_: object) -> None:
-            pass
-
-    with ThreadingHTTPServer(("127.0.0.1", 0), Notebook) as server:
-        thread = Thread(target=server.serve_forever, args=(0.01,))
-        thread.start()
-        yield f"http://localhost:{server.server_port}"
-        server.shutdown()
-        thread.join()
+    with http_server(answer, "text/html") as url:
+        yield url.replace("127.0.0.1", "localhost")
 
 
 @pytest.fixture(scope="module")
