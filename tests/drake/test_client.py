@@ -58,9 +58,7 @@ def results(python: str, url: str) -> dict[str, Any]:
 def test_pictures_equal_those_of_render_engine_vtk(results: dict[str, Any], view: str) -> None:
     compared = results["comparisons"][view]
     assert compared["covered"] > 0.5, "the camera looks past the scene"
-    assert compared["color"] < ALLOWED
-    assert compared["depth"] < ALLOWED
-    assert compared["label"] < ALLOWED
+    assert max(compared[kind] for kind in ("color", "depth", "label")) < ALLOWED, compared
 
 
 def test_two_cameras_at_once(python: str, url: str) -> None:

@@ -6,6 +6,7 @@ import shutil
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -17,7 +18,6 @@ pytestmark = pytest.mark.slow
 ROOT = Path(__file__).parents[2]
 PROGRAM = """
 import json, sys
-from gateway.runtime.kernels import parts
 from renderers.compiler import pending
 from gateway.runtime.kernels import cache, parts
 
@@ -55,13 +55,20 @@ print(json.dumps({"compiled": compiled, "answers": [answer.status_code for answe
 """
 
 
-def test_serving_compiles_nothing() -> None:
+def said_by(program: str, *arguments: str | Path, folder: Path | None = None) -> dict[str, Any]:
+    """Run a program; return the JSON in its last line."""
     environment = {name: value for name, value in os.environ.items() if name != "PYTEST_CURRENT_TEST"}
+    command = [sys.executable, "-c", program, *map(str, arguments)]
     result = subprocess.run(
-        [sys.executable, "-c", PROGRAM], env=environment, capture_output=True, text=True, timeout=SECONDS, check=False
+        command, cwd=folder, env=environment, capture_output=True, text=True, timeout=SECONDS, check=False
     )
     assert result.returncode == 0, result.stderr
-    said = json.loads(result.stdout.splitlines()[-1])
+    said: dict[str, Any] = json.loads(result.stdout.splitlines()[-1])
+    return said
+
+
+def test_serving_compiles_nothing() -> None:
+    said = said_by(PROGRAM)
     assert said["answers"] == [200] * 12
     assert said["compiled"] == []
 
@@ -69,7 +76,6 @@ def test_serving_compiles_nothing() -> None:
 ELSEWHERE = """
 import json
 import gateway
-from gateway.runtime.kernels import parts
 from renderers.compiler import pending
 from gateway.runtime.kernels import cache, parts
 
@@ -106,11 +112,7 @@ def test_a_copy_of_the_sources_at_another_place_loads_the_same_kernels(tmp_path:
     for package in ("gateway", "renderers"):
         ignored = shutil.ignore_patterns("__pycache__", "node_modules")
         shutil.copytree(ROOT / package, tmp_path / package, ignore=ignored, copy_function=shutil.copyfile)
-    result = subprocess.run(
-        [sys.executable, "-c", ELSEWHERE], cwd=tmp_path, capture_output=True, text=True, timeout=SECONDS, check=False
-    )
-    assert result.returncode == 0, result.stderr
-    said = json.loads(result.stdout.splitlines()[-1])
+    said = said_by(ELSEWHERE, folder=tmp_path)
     assert said["where"] == str(tmp_path / "gateway" / "__init__.py")
     assert said["cached"]
     assert said["misses"] == 0
@@ -125,7 +127,6 @@ def test_a_cache_that_lost_a_kernel_is_not_complete_and_the_server_does_not_comp
     program = """
 import json, shutil, sys
 from pathlib import Path
-from gateway.runtime.kernels import parts
 from gateway.runtime.kernels import cache, parts
 from renderers.compiler import cache_folder as kernel_cache
 
@@ -149,11 +150,7 @@ except cache.KernelError as failure:
 manifest = (copy / here.name / "complete.json").exists()
 print(json.dumps({"before": before, "error": error, "lost": lost.name, "manifest": manifest}))
 """
-    result = subprocess.run(
-        [sys.executable, "-c", program, str(tmp_path)], capture_output=True, text=True, timeout=SECONDS, check=False
-    )
-    assert result.returncode == 0, result.stderr
-    said = json.loads(result.stdout.splitlines()[-1])
+    said = said_by(program, tmp_path)
     assert "files are missing or changed" in said["before"]
     assert f"the kernel {said['lost']} could not be loaded from" in said["error"]
     assert not said["manifest"]

@@ -38,14 +38,8 @@ def test_another_process_receives_images_and_their_camera_info() -> None:
                 received.setdefault(topic, {})[stamp.sec * 10**9 + stamp.nanosec] = message
                 arrived.notify_all()
 
-        return zenoh_ros2_sdk.ROS2Subscriber(
-            topic,
-            message_type,
-            msg_definition=definition(message_type),
-            callback=take,
-            type_hash=STORE.hash_rihs01(message_type),
-            router_port=zenoh_port,
-        )
+        of_type = {"msg_definition": definition(message_type), "type_hash": STORE.hash_rihs01(message_type)}
+        return zenoh_ros2_sdk.ROS2Subscriber(topic, message_type, **of_type, callback=take, router_port=zenoh_port)
 
     def same_times() -> set[int]:
         return set(received.get("/stereo/left/image_rect", ())) & set(received.get("/stereo/left/camera_info", ()))

@@ -4,6 +4,7 @@ import base64
 import json
 import re
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -44,17 +45,6 @@ OBJ = "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 3 2\nf 1 2 4\nf 1 4 3\nf 2 3 4\n"
 WITH_MATERIAL, RED = f"mtllib t.mtl\nusemtl red\n{OBJ}", "newmtl red\nKd 1 0 0\n"
 
 
-def test_links_are_named_by_source_model_and_link(viewer: Viewer) -> None:
-    viewer.handle(LOAD, load(link("world", 0, BALL), link("plant::arm::hand", 2, BALL)))
-    assert viewer.paths() == [], "shown with the first poses"
-    assert viewer.problem(DRAW, draw({(2, "plant::arm::hand"): POSE})) == ""
-    root = ("drake", "illustration")
-    assert viewer.paths() == [(*root, "world"), (*root, "plant", "arm", "hand")]
-    world = viewer.live.snapshot.root.world_matrix((*root, "plant", "arm", "hand"))
-    assert world is not None
-    np.testing.assert_allclose(world, from_pose(POSE[:3], POSE[3:]), atol=1e-7)
-
-
 def test_all_links_appear_in_one_revision_with_their_poses(viewer: Viewer) -> None:
     names = [f"arm::link {number}" for number in range(3000)]
     links: list[int] = []
@@ -69,15 +59,15 @@ def test_all_links_appear_in_one_revision_with_their_poses(viewer: Viewer) -> No
 
 
 def test_shapes_colors_and_their_poses(viewer: Viewer) -> None:
-    shapes = [
-        geometry(BOX, [1, 2, 3], (0.5, 0.25, 1.5, 0.5), POSE),
-        geometry(SPHERE, [0.5]),
-        geometry(CYLINDER, [0.5, 2]),
-        geometry(CAPSULE, [0.25, 1]),
-        geometry(ELLIPSOID, [1, 2, 4]),
-        geometry(MESH, TETRAHEDRON),
-    ]
-    parts = viewer.show(*shapes)
+    sizes: dict[int, Any] = {
+        SPHERE: [0.5],
+        CYLINDER: [0.5, 2],
+        CAPSULE: [0.25, 1],
+        ELLIPSOID: [1, 2, 4],
+        MESH: TETRAHEDRON,
+    }
+    box = geometry(BOX, [1, 2, 3], (0.5, 0.25, 1.5, 0.5), POSE)
+    parts = viewer.show(box, *(geometry(kind, numbers) for kind, numbers in sizes.items()))
     solids = [Box((1, 2, 3)), Sphere(0.5), Cylinder(0.5, 2), Capsule(0.25, 1), Ellipsoid((1, 2, 4))]
     assert [part.shape for part in parts[:5]] == solids
     assert isinstance(parts[5].shape, Surface)
@@ -265,16 +255,12 @@ def test_only_moved_links_are_edited(viewer: Viewer) -> None:
 def test_links_with_equal_or_nested_names_have_their_own_nodes(viewer: Viewer) -> None:
     names = [(1, "arm"), (2, "arm::hand"), (3, "twin"), (4, "twin"), (5, "")]
     viewer.handle(LOAD, load(*(link(name, robot, BALL) for robot, name in names)))
+    assert viewer.paths() == [], "shown with the first poses"
     viewer.handle(DRAW, draw({key: (float(key[0]), 0, 0, 1, 0, 0, 0) for key in names}))
     root = viewer.live.snapshot.root
     worlds = {path[2:]: root.world_matrix(path) for path in viewer.paths()}
-    assert {path: X[0, 3] for path, X in worlds.items() if X is not None} == {
-        ("arm", "body"): 1.0,
-        ("arm", "hand"): 2.0,
-        ("twin(3)",): 3.0,
-        ("twin(4)",): 4.0,
-        ("",): 5.0,
-    }
+    paths = ("arm", "body"), ("arm", "hand"), ("twin(3)",), ("twin(4)",), ("",)
+    assert {path: X[0, 3] for path, X in worlds.items() if X is not None} == dict(zip(paths, range(1, 6), strict=True))
 
 
 def test_unusual_poses(viewer: Viewer) -> None:

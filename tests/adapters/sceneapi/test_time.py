@@ -2,7 +2,6 @@
 
 import asyncio
 from collections.abc import AsyncIterator
-from typing import Any
 
 import httpx2
 import numpy as np
@@ -131,11 +130,3 @@ async def test_without_a_history_there_is_only_now() -> None:
         "time=-1: this gateway keeps no history (--history-seconds 0)",
     )
     await workers.close(5.0)
-
-
-def test_the_parameter_is_described(world: Any) -> None:
-    app = FastAPI()
-    app.include_router(router(SceneApi(LiveScene(LiveTree()), RecordingRenderer(), WorkerPool(1))))
-    for route in ("/scene", "/scene.glb", "/scene/render"):
-        names = [each["name"] for each in app.openapi()["paths"][route]["get"]["parameters"]]
-        assert "time" in names
