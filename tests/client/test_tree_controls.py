@@ -7,8 +7,6 @@ from typing import Any
 import numpy as np
 import pytest
 
-from gateway.adapters.treeviewer import request_reader
-from gateway.adapters.treeviewer.commands import COMMANDS
 from gateway.adapters.treeviewer.config import TreeViewerConfig
 from gateway.adapters.treeviewer.protocol import RESPONSE
 from gateway.adapters.treeviewer.responses import ReadyMessage, encode
@@ -18,7 +16,6 @@ from gateway.scene.page.control_store import ControlStore
 from gateway.scene.tree.live import LiveTree
 from scenegate import AsyncTreeViewer, Box, TreeViewer, TreeViewerError
 from scenegate.messages.controls import Pose
-from scenegate.tree import callbacks
 from tests.adapters.treeviewer.transports import serving
 from tests.client.conftest import connected, hub_of, in_thread, talk_to
 from tests.support.ports import free_ports
@@ -249,18 +246,6 @@ async def wait_for(received: list[float]) -> None:
     await until(lambda: 0.0 in received)
 
 
-async def test_callbacks_that_cannot_be_called_are_refused() -> None:
-    async def coroutine(value: float) -> None:
-        raise AssertionError(value)
-
-    async with serving() as service, connected(service) as viewer:
-        button = await in_thread(viewer.controls.add_button, "go")
-        with pytest.raises(TypeError, match=r"coroutine.* AsyncTreeViewer"):
-            button.on_update(coroutine)
-        with pytest.raises(TypeError, match=r"on_click .*not 3"):
-            button.on_click(3)
-
-
 async def test_async_client() -> None:
     received: list[Any] = []
     async with serving() as service, AsyncTreeViewer(hub_of(service), timeout=SECONDS) as viewer:
@@ -288,18 +273,6 @@ async def test_async_client() -> None:
         await speed.delete()
         await folder.delete()
         assert shown(service) == {}
-
-
-async def test_controls_are_repeated(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(callbacks, "RESEND_SECONDS", 0.01)
-    async with serving() as service:
-        viewer = await in_thread(lambda: TreeViewer(hub_of(service), timeout=SECONDS))
-        await in_thread(viewer.controls.add_slider, "speed", 0, 10)
-        service.protocol.page.controls = ControlStore()  # as if the lease had ended
-        await until(lambda: shown(service) == {"speed": 0.0})
-        await in_thread(viewer.close)
-        await until(lambda: shown(service) == {})
-        assert not viewer.requests.pending
 
 
 async def test_controls_that_are_added_while_a_viewer_starts_are_kept() -> None:
@@ -353,16 +326,3 @@ async def test_controls_of_a_program_that_dies_are_removed() -> None:
         await until(lambda: shown(service).keys() == {"here"})
         assert service.protocol.page.clicks.paths() == (("here",),)
         await in_thread(alive.close)
-
-
-async def test_an_older_viewer_is_reported(monkeypatch: pytest.MonkeyPatch) -> None:
-    known = {name: command for name, command in COMMANDS.items() if not command.is_newer}
-    monkeypatch.setattr(request_reader, "COMMANDS", known)
-
-    def talk(viewer: TreeViewer) -> None:
-        with pytest.raises(TreeViewerError, match="this viewer does not know setcontrols"):
-            viewer.controls.add_button("go")
-        assert viewer.controls.panel.definitions() == []
-
-    async with serving() as service:
-        await talk_to(service, talk)

@@ -2,6 +2,7 @@
 
 import asyncio
 import logging
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -12,7 +13,8 @@ from gateway.adapters.treeviewer.commands import COMMANDS
 from gateway.adapters.treeviewer.config import TreeViewerConfig
 from gateway.runtime.lcm.config import LcmConfig
 from gateway.scene.draw.cameras import LookAtCamera
-from gateway.scene.page import clicks
+from gateway.scene.page.clicks import ClickSubscriptions
+from gateway.scene.page.control_store import ControlStore
 from gateway.scene.page.live_page import PageView
 from gateway.scene.tree.live import LiveTree
 from gateway.scene.tree.nodes import Node
@@ -143,14 +145,16 @@ async def test_a_callback_that_fails_does_not_end_the_others(caplog: pytest.LogC
 
 
 async def test_callbacks_that_cannot_be_called_are_refused() -> None:
-    async def coroutine(click: Click) -> None:
-        raise AssertionError(click)
+    async def coroutine(argument: object) -> None:
+        raise AssertionError(argument)
 
-    def talk(viewer: TreeViewer) -> None:
-        with pytest.raises(TypeError, match=r"coroutine.* AsyncTreeViewer"):
-            viewer.on_click("robot", coroutine)
-        with pytest.raises(TypeError, match="must be a function, not None"):
-            viewer.on_click("robot", None)  # type: ignore[arg-type]
+    def talk(viewer: Any) -> None:
+        button = viewer.controls.add_button("go")
+        for listen in (partial(viewer.on_click, "robot"), button.on_update, button.on_click):
+            with pytest.raises(TypeError, match=r"coroutine.* AsyncTreeViewer"):
+                listen(coroutine)
+            with pytest.raises(TypeError, match="must be a function, not None"):
+                listen(None)
 
     async with serving() as service:
         await talk_to(service, talk)
@@ -186,15 +190,17 @@ async def test_async_client() -> None:
         assert page.view == PageView(grid=True)
 
 
-async def test_the_subscription_is_repeated(monkeypatch: pytest.MonkeyPatch) -> None:
+async def test_subscriptions_and_controls_are_repeated(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(callbacks, "RESEND_SECONDS", 0.01)
     async with serving() as service:
         page = service.protocol.page
-        viewer = await in_thread(lambda: TreeViewer(hub_of(service), timeout=SECONDS))
+        viewer: Any = await in_thread(lambda: TreeViewer(hub_of(service), timeout=SECONDS))
         await in_thread(viewer.on_click, "robot", print)
-        page.clicks = clicks.ClickSubscriptions()  # as if the lease had ended
-        await until(lambda: page.clicks.paths() == (("robot",),))
+        await in_thread(viewer.controls.add_button, "go")
+        page.clicks, page.controls = ClickSubscriptions(), ControlStore()  # as if the leases had ended
+        await until(lambda: page.clicks.paths() == (("robot",),) and page.controls.controls_since(0))
         await in_thread(viewer.close)
+        await until(lambda: not page.clicks.paths() and not page.controls.controls_since(0))
         assert not viewer.requests.pending
 
 
@@ -231,6 +237,9 @@ async def test_an_older_viewer_is_reported(monkeypatch: pytest.MonkeyPatch) -> N
             viewer["robot"].set_visible(False)
         with pytest.raises(TreeViewerError, match="this viewer does not know setclicks"):
             viewer.on_click("robot", print)
+        with pytest.raises(TreeViewerError, match="this viewer does not know setcontrols"):
+            viewer.controls.add_button("go")
+        assert viewer.controls.panel.definitions() == []
 
     async with serving(live=live) as service:
         await talk_to(service, talk)

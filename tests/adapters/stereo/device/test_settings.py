@@ -25,9 +25,8 @@ def test_the_defaults_are_the_device_s() -> None:
 def test_image_noise_is_a_factor() -> None:
     grey = np.full((200, 200, 3), 120, np.uint8)
     key = frame_key(1, 1, NoiseStream.LEFT)
-    deviation = [
-        float(sensor_image(grey, Exposure(gain=18.0), key, noise_factor=n).image.std()) for n in (0.0, 1.0, 3.0)
-    ]
+    images = [sensor_image(grey, Exposure(gain=18.0), key, noise_factor=n).image for n in (0.0, 1.0, 3.0)]
+    deviation = [float(image.std()) for image in images]
     assert deviation[0] == 0.0
     assert 2.8 < deviation[2] / deviation[1] < 3.2
 
@@ -51,7 +50,5 @@ def test_realism_is_all_by_default(monkeypatch: pytest.MonkeyPatch, tmp_path: Pa
     path = tmp_path / "camera.toml"
     path.write_text('stereo_realism = ["projector"]\n')
     assert config_of(load(config=path)).realism == {"projector"}
-    with pytest.raises(
-        SettingsError, match=r"--stereo-realism: 'haze' is not a part; use 'off', 'all' or some of shad"
-    ):
+    with pytest.raises(SettingsError, match=r"'haze' is not a part; use 'off', 'all' or some of shad"):
         load({"stereo_realism": "haze"})
