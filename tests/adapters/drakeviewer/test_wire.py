@@ -5,7 +5,6 @@ import json
 import os
 import subprocess
 import sys
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -15,6 +14,7 @@ from gateway.adapters.drakeviewer import wire
 from gateway.adapters.drakeviewer.config import Limits
 from gateway.adapters.drakeviewer.messages import MessageError
 from tests.adapters.drakeviewer import encoding
+from tests.support.lcm_gen import generate
 from tests.support.waiting import SECONDS
 
 TYPES = {
@@ -39,17 +39,8 @@ DECODERS = {
 @pytest.fixture(scope="module")
 def drake(tmp_path_factory: pytest.TempPathFactory) -> Any:
     """The package that lcm-gen makes of our definitions."""
-    generator = Path(sys.executable).with_name("lcm-gen")
-    if not generator.exists():
-        pytest.skip("lcm-gen is not beside this Python")
     folder = tmp_path_factory.mktemp("lcmgen")
-    definitions = sorted((Path(__file__).parents[3] / "lcmtypes").glob("lcmt_*.lcm"))
-    done = subprocess.run(
-        [generator, "-p", "--ppath", folder, *definitions], capture_output=True, text=True, check=False
-    )
-    if "error while loading shared libraries" in done.stderr:
-        pytest.skip("lcm-gen needs libglib-2.0.so.0")
-    assert done.returncode == 0, done.stderr
+    generate(folder, "lcmt_*.lcm")
     sys.path.insert(0, str(folder))
     sys.modules.pop("drake", None)
     try:

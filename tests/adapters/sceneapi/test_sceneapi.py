@@ -3,7 +3,7 @@ import io
 import json
 import math
 import threading
-from collections.abc import Callable, MutableMapping
+from collections.abc import MutableMapping
 from typing import Any
 
 import cv2
@@ -27,11 +27,11 @@ from gateway.scene.tree.live import LiveTree
 from gateway.scene.tree.transforms import look_at
 from renderers.camera import Camera
 from renderers.compiler import pending
-from renderers.drawlist import DrawList, ImageError, Material
-from renderers.interface import Frame, Look, Output
+from renderers.drawlist import ImageError, Material
+from renderers.interface import Output
 from scenegate.messages.geometry import Box
 from tests.adapters.sceneapi.conftest import SPOT, World
-from tests.support.endless import EndlessRenderer
+from tests.support.endless import EndlessRenderer, waits_for_studio
 from tests.support.waiting import until
 
 SMALL = "width=64&height=48"
@@ -328,17 +328,6 @@ async def test_single_clipping_plane_adjusts_the_other(world: World, query: str,
     assert (await world.client.get(f"/scene/render?{SMALL}&{query}")).status_code == 200
     camera = world.renderer.calls[-1][1]
     assert (camera.near, camera.far) == pytest.approx((near, far))
-
-
-def waits_for_studio(render: Callable[..., Frame]) -> Callable[..., Frame]:
-    """Return a function that renders with kernels of the part ``studio`` in the look of this name."""
-
-    def waiting(scene: DrawList, camera: Camera, outputs: Output, look: Look) -> Frame:
-        if look.name == "studio" and Output.COLOR in outputs:
-            pending.wait_for_kernel("studio.shade")
-        return render(scene, camera, outputs, look)
-
-    return waiting
 
 
 async def test_an_image_waits_for_its_kernels_without_a_worker_thread(

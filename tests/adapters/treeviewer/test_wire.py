@@ -1,5 +1,4 @@
 import importlib
-import subprocess
 import sys
 from pathlib import Path
 from typing import Any
@@ -9,6 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from scenegate.messages import wire
+from tests.support.lcm_gen import generate
 
 INT64 = st.integers(-(2**63), 2**63 - 1)
 INT32 = st.integers(-(2**31), 2**31 - 1)
@@ -77,16 +77,7 @@ def test_rejects_an_impossible_name_length(length: int) -> None:
 @pytest.fixture
 def generated(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Any:
     """The class that lcm-gen makes of our type definition."""
-    generator = Path(sys.executable).with_name("lcm-gen")
-    if not generator.exists():
-        pytest.skip("lcm-gen is not beside this Python")
-    definition = Path(__file__).parents[3] / "lcmtypes" / "viewer2_comms_t.lcm"
-    done = subprocess.run(
-        [generator, "-p", "--ppath", tmp_path, definition], capture_output=True, text=True, check=False
-    )
-    if "error while loading shared libraries" in done.stderr:
-        pytest.skip("lcm-gen needs libglib-2.0.so.0")
-    assert done.returncode == 0, done.stderr
+    generate(tmp_path, "viewer2_comms_t.lcm")
     monkeypatch.syspath_prepend(str(tmp_path))
     monkeypatch.delitem(sys.modules, "robotlocomotion", raising=False)
     kind: Any = importlib.import_module("robotlocomotion").viewer2_comms_t

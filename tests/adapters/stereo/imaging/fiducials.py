@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any, Final
 
 import cv2
@@ -137,51 +138,43 @@ class View:
     def tag_ranges(self, name: int, side: float, renderer: CpuRenderer) -> tuple[float, float]:
         """Return the distance of a tag's centre by its camera image and by its ideal image, metres.
 
-        Args:
-            name: OpenCV's dictionary.
-            side: side of the black square, metres.
-            renderer: renderer of the camera image.
-
-        Raises:
-            ValueError: the tag is not found in one of the images.
+        ``name`` is OpenCV's dictionary, ``side`` that of the black square in metres.
         """
         half = side / 2
         points = np.array(((-half, -half, 0), (half, -half, 0), (half, half, 0), (-half, half, 0)))
         parameters = cv2.aruco.DetectorParameters()
         parameters.cornerRefinementMethod = cv2.aruco.CORNER_REFINE_SUBPIX
         detector = cv2.aruco.ArucoDetector(cv2.aruco.getPredefinedDictionary(name), parameters)
-        ranges = []
-        for image in (self.camera_image(renderer), self.ideal_image()):
-            corners, ids, _ = detector.detectMarkers(image)
-            if ids is None or ids.ravel().tolist() != [TAG_ID]:
-                raise ValueError("the tag is not found")
-            ranges.append(self.range(corners[0], points))
-        return ranges[0], ranges[1]
+
+        def corners(image: NDArray[np.uint8]) -> Any:
+            found, ids, _ = detector.detectMarkers(image)
+            return found[0] if ids is not None and ids.ravel().tolist() == [TAG_ID] else None
+
+        return self._ranges(corners, points, renderer)
 
     def grid_ranges(self, spacing: float, renderer: CpuRenderer) -> tuple[float, float]:
-        """Return the distance of the centre of ``circles`` by its camera image and by its ideal image, metres.
-
-        Args:
-            spacing: distance of the circles, metres.
-            renderer: renderer of the camera image.
-
-        Raises:
-            ValueError: the grid is not found in one of the images.
-        """
+        """Return the distance of the centre of ``circles``, ``spacing`` metres apart, as ``tag_ranges``."""
         columns, rows = GRID
         points = np.array([(i * spacing, j * spacing, 0.0) for j in range(rows) for i in range(columns)])
-        points -= points.mean(axis=0)
         parameters = cv2.SimpleBlobDetector.Params()
         parameters.minArea, parameters.minDistBetweenBlobs = 15.0, 5.0
         detector = cv2.SimpleBlobDetector.create(parameters)
         flags = cv2.CALIB_CB_SYMMETRIC_GRID | cv2.CALIB_CB_CLUSTERING
-        ranges = []
-        for image in (self.camera_image(renderer), self.ideal_image()):
-            found, centers = cv2.findCirclesGrid(image, GRID, flags=flags, blobDetector=detector)
-            if not found:
-                raise ValueError("the grid is not found")
-            ranges.append(self.range(centers, points))
-        return ranges[0], ranges[1]
+
+        def centers(image: NDArray[np.uint8]) -> Any:
+            found, pixels = cv2.findCirclesGrid(image, GRID, flags=flags, blobDetector=detector)
+            return pixels if found else None
+
+        return self._ranges(centers, points - points.mean(axis=0), renderer)
+
+    def _ranges(
+        self, find: Callable[[NDArray[np.uint8]], Any], points: NDArray[np.float64], renderer: CpuRenderer
+    ) -> tuple[float, float]:
+        """Return the distances by the camera image and by the ideal image, in which ``find`` finds the points."""
+        found = [find(image) for image in (self.camera_image(renderer), self.ideal_image())]
+        assert all(pixels is not None for pixels in found), "the pattern is not found"
+        measured, ideal = (self.range(pixels, points) for pixels in found)
+        return measured, ideal
 
 
 def circles() -> NDArray[np.uint8]:
@@ -196,14 +189,7 @@ def circles() -> NDArray[np.uint8]:
 def pattern_errors(
     pattern: str, distance: float, parts: tuple[RealismPart, ...], renderer: CpuRenderer
 ) -> NDArray[np.float64]:
-    """Return the error of the range of a frontal pattern relative to its ideal image, per cent, for ``PLACEMENTS``.
-
-    Args:
-        pattern: one of ``PATTERNS``.
-        distance: depth of the pattern, metres.
-        parts: parts of ``--stereo-realism``.
-        renderer: renderer of the camera images.
-    """
+    """Return the error of the range of a frontal pattern relative to its ideal image, per cent, for ``PLACEMENTS``."""
     name = PATTERNS[pattern]
     texture = circles() if name is None else tag_texture(name)
     cell = TAG_SIDE / (2 * GRID[0] if name is None else texture.shape[0] / TEXELS - 2)

@@ -99,10 +99,8 @@ async def test_a_monochrome_camera_refuses_colour(start: Start) -> None:
 async def test_projector_dots_are_in_the_left_image_alone(start: Start) -> None:
     camera = await start(**RGBD, rate="max", noise=False)
     (images,) = await camera.take(left_enabled=True, color_camera_enabled=True)
-    roughness = [
-        float(np.abs(np.diff(grey.astype(int), axis=1)).mean())
-        for grey in (pixels(images.left), pixels(images.color_camera)[:, :, 1])
-    ]
+    greys = pixels(images.left), pixels(images.color_camera)[:, :, 1]
+    roughness = [float(np.abs(np.diff(grey.astype(int), axis=1)).mean()) for grey in greys]
     assert roughness[0] > 4 * roughness[1]
 
 
@@ -141,19 +139,13 @@ async def test_images_over_http(start: Start) -> None:
         "K_opencv": [[300.0, 0.0, 199.5], [0.0, 300.0, 149.5], [0.0, 0.0, 1.0]],
     }
     assert np.array(description["X_left_color"])[:3, 3].tolist() == [0.02, 0.0, 0.0]
-    for name, shape, dtype in (
-        ("color", (300, 400, 3), np.uint8),
-        ("depth", (240, 320), np.uint16),
-        ("depth?aligned=true", (300, 400), np.uint16),
-        ("left", (240, 320), np.uint8),
-        ("right", (240, 320), np.uint8),
-        ("disparity", (240, 320), np.uint16),
-        ("confidence", (240, 320), np.uint8),
-    ):
+    small = {"depth": np.uint16, "left": np.uint8, "right": np.uint8, "disparity": np.uint16, "confidence": np.uint8}
+    kinds: dict[str, Any] = {name: ((240, 320), dtype) for name, dtype in small.items()}
+    kinds |= {"color": ((300, 400, 3), np.uint8), "depth?aligned=true": ((300, 400), np.uint16)}
+    for name, kind in kinds.items():
         response = await get(camera, f"/cameras/stereo/{name}")
         image = decoded(response)
-        assert image.shape == shape, name
-        assert image.dtype == dtype, name
+        assert (image.shape, image.dtype) == kind, name
         assert float(response.headers["x-timestamp"]) > 1e9
 
 
@@ -181,10 +173,8 @@ async def test_images_of_an_earlier_time(start: Start) -> None:
         return SceneState(7_500_000_000, DrawList(), pose(), 3, 7_500_000_000)
 
     response = await get(camera, "/cameras/stereo/left?time=-5")
-    assert (response.status_code, response.json()["message"]) == (
-        404,
-        "time=-5: the camera 'stereo' does not see the live scene",
-    )
+    elsewhere = "time=-5: the camera 'stereo' does not see the live scene"
+    assert (response.status_code, response.json()["message"]) == (404, elsewhere)
     camera.service.earlier_state = earlier
     response = await get(camera, "/cameras/stereo/left?time=-5")
     assert response.headers["x-timestamp"] == "7.500000000"

@@ -121,13 +121,8 @@ async def test_the_pipeline_of_a_request(start: Start) -> None:
         assert (await rest.get("/stereo/faults?pipeline=1")).json()["drop"] == 0.5
         await rest.delete("/stereo/faults")
         assert (first.injector.faults, second.injector.faults.drop) == (Faults(), 0.5)
-        for method, path in (
-            ("GET", "faults"),
-            ("PUT", "faults"),
-            ("DELETE", "faults"),
-            ("POST", "faults/disconnect"),
-            ("GET", "truth.npz"),
-        ):
+        calls = [(method, "faults") for method in ("GET", "PUT", "DELETE")]
+        for method, path in (*calls, ("POST", "faults/disconnect"), ("GET", "truth.npz")):
             response = await rest.request(method, f"/stereo/{path}?pipeline=2")
             assert (response.status_code, response.json()["message"]) == (404, "there is no pipeline 2")
             assert (await rest.request(method, f"/stereo/{path}?pipeline=-1")).status_code == 422
