@@ -153,11 +153,8 @@ def test_a_change_of_another_thread_arrives_after_what_is_sent_again(
 
 
 def test_the_second_responses_error_is_raised(viewer: TreeViewer) -> None:
-    connection(viewer).bodies = [
-        {"status": 0},
-        {"status": 1, "missing_paths": [["a"]]},
-        {"status": -4, "error": "full"},
-    ]
+    missing, full = {"status": 1, "missing_paths": [["a"]]}, {"status": -4, "error": "full"}
+    connection(viewer).bodies = [{"status": 0}, missing, full]
     viewer["a"].set(Sphere(1))
     with pytest.raises(TreeViewerError, match=r"^full$"):
         viewer["a"].transform((1, 2, 3))

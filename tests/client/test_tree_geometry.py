@@ -108,9 +108,8 @@ def test_colours_of_vertices_are_those_of_other_geometry(name: str) -> None:
     viewer = Viewer()
     colors = ["#336699", "orange", "white", "black"]
     rgb = np.array([[0x33, 0x66, 0x99], [255, 165, 0], [255, 255, 255], [0, 0, 0]], np.uint8)
-    meshes: list[Geometry] = [
-        MeshGeometry(POINTS[:, [0, 2, 1]] ** 2, [[0, 1, 2], [0, 2, 3]], colors=c) for c in (rgb, rgb / 255.0)
-    ]
+    corners, faces = POINTS[:, [0, 2, 1]] ** 2, [[0, 1, 2], [0, 2, 3]]
+    meshes: list[Geometry] = [MeshGeometry(corners, faces, colors=c) for c in (rgb, rgb / 255.0)]
     meshes += [Sphere(1, color=color) for color in colors]
     body = {"setgeometry": [{"path": ["a"], "geometries": [mesh.body() for mesh in meshes]}]}
     assert viewer.protocol.handle(encoded(body, 5, name)).status == 0
@@ -222,10 +221,7 @@ def test_mesh_files_are_scaled_by_one_or_three() -> None:
         (lambda: MeshGeometry(POINTS, [[0, 1, 4]]), "faces refer to vertex 0 to 4, there are 4"),
         (lambda: MeshGeometry(POINTS, [[0, 1, 1.5]]), "faces must have integers"),
         (lambda: MeshGeometry(POINTS, [[0, 1, 2]], colors=[(1, 0, 0)]), "colors must have 3 or 4 numbers"),
-        (
-            lambda: MeshGeometry(POINTS, [[0, 1, 2]], colors=np.full((4, 3), 256)),
-            "colors must be from 0 to 1, .* not 256",
-        ),
+        (lambda: MeshGeometry(POINTS, [[0, 1, 2]], colors=np.full((4, 3), 256)), "colors must be from 0 .* not 256"),
         (lambda: MeshGeometry(POINTS, [[0, 1, 2]], image=PIXELS), "a mesh with an image needs uv"),
         (lambda: MeshGeometry(POINTS, [[0, 1, 2]], image=PIXELS, uv=POINTS[:2, :2]), "uv has 2 rows for 4 vertices"),
         (lambda: ImagePlane(PIXELS), "an image plane needs width or height"),

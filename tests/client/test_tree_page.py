@@ -222,6 +222,7 @@ async def test_a_restarted_viewer_gets_all_again() -> None:
             await until(lambda: page.view == PageView(grid=False) and live.snapshot.root.find(("robot",)) is not None)
             robot = node(live, "robot")
             assert (robot.visible, robot.opacity, robot.nodes_with_parts) == (False, 0.5, 1)
+            assert (await in_thread(viewer["robot"].transform, (1, 2, 3))).status == 0
     finally:
         await in_thread(viewer.close)
 

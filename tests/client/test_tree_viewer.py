@@ -98,14 +98,13 @@ async def test_over_udp() -> None:
 
 async def test_a_million_points_over_tcpq() -> None:
     live = LiveTree()
+
+    def publish(tree_viewer: TreeViewer) -> None:
+        points = np.zeros((1_000_000, 3), np.float32)
+        assert tree_viewer["cloud"].set(PointCloud(points, colors=points.astype(np.uint8))).status == 0
+
     async with serving(live=live) as service:
-
-        def publish() -> None:
-            with TreeViewer(hub_of(service), timeout=SECONDS) as tree_viewer:
-                points = np.zeros((1_000_000, 3), np.float32)
-                assert tree_viewer["cloud"].set(PointCloud(points, colors=points.astype(np.uint8))).status == 0
-
-        await in_thread(publish)
+        await talk_to(service, publish)
         node = live.snapshot.root.find(("cloud",))
         assert node is not None
         assert node.parts is not None
@@ -131,41 +130,22 @@ async def test_async_client() -> None:
 
 async def test_sends_missing_geometry_again() -> None:
     live = LiveTree()
+
+    def talk(tree_viewer: TreeViewer) -> None:
+        tree_viewer["robot"].transform((5, 0, 0))
+        tree_viewer["robot"]["base"].set(Box((1, 1, 1)))
+        tree_viewer["other"].set(Box((1, 1, 1)))
+        with live.edit() as edit:
+            edit.delete(())
+        answer = tree_viewer["robot"]["base"].transform((0, 0, 1))
+        assert (answer.status, answer.missing) == (0, ())
+
     async with serving(live=live) as service:
-
-        def forget() -> None:
-            with live.edit() as edit:
-                edit.delete(())
-
-        def talk() -> None:
-            with TreeViewer(hub_of(service), timeout=SECONDS) as tree_viewer:
-                tree_viewer["robot"].transform((5, 0, 0))
-                tree_viewer["robot"]["base"].set(Box((1, 1, 1)))
-                tree_viewer["other"].set(Box((1, 1, 1)))
-                forget()
-                answer = tree_viewer["robot"]["base"].transform((0, 0, 1))
-                assert (answer.status, answer.missing) == (0, ())
-
-        await in_thread(talk)
+        await talk_to(service, talk)
         assert paths(live) == {("robot", "base")}
         robot = live.snapshot.root.find(("robot",))
         assert robot is not None
         assert robot.matrix[0, 3] == 5.0
-
-
-async def test_sends_everything_to_a_restarted_viewer() -> None:
-    (port,) = free_ports(1)
-    config = TreeViewerConfig(lcm=LcmConfig(url="off", tcpq_port=port))
-    async with serving(config):
-        tree_viewer = await in_thread(TreeViewer, f"tcpq://127.0.0.1:{port}", 20.0)
-        await in_thread(tree_viewer["robot"].set, Box((1, 1, 1)))
-    live = LiveTree()
-    try:
-        async with serving(config, live=live):
-            await until(lambda: paths(live) == {("robot",)})
-            assert (await in_thread(tree_viewer["robot"].transform, (1, 2, 3))).status == 0
-    finally:
-        await in_thread(tree_viewer.close)
 
 
 async def test_what_cannot_be_sent_is_not_sent_again() -> None:
@@ -288,11 +268,8 @@ def test_ignores_foreign_messages() -> None:
     other = join(url)
     with TreeViewer(url, timeout=0.05) as tree_viewer:  # short: no viewer
         threads = set(threading.enumerate()) - before
-        for message in (
-            b"",
-            b"junk",
-            bytes(encode_request({"timestamp": 0, "status": 0, "ready": True}, 0, wire.JSON)),
-        ):
+        ready = bytes(encode_request({"timestamp": 0, "status": 0, "ready": True}, 0, wire.JSON))
+        for message in (b"", b"junk", ready):
             other.publish(wire.RESPONSE, message)
             other.publish(f"{wire.RESPONSE}_<{tree_viewer.requests.client_id}>", message)
         with pytest.raises(TimeoutError):
@@ -347,12 +324,8 @@ def test_names_of_the_package() -> None:
 
 
 async def test_no_stderr_output_on_success(capfd: pytest.CaptureFixture[str]) -> None:
-
-    def talk(tree_viewer: TreeViewer) -> None:
-        tree_viewer["a"].set(Sphere(1))
-
     async with serving() as service:
-        await talk_to(service, talk)
+        await talk_to(service, lambda tree_viewer: tree_viewer["a"].set(Sphere(1)))
     assert capfd.readouterr().err == ""
 
 

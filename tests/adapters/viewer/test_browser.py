@@ -80,6 +80,7 @@ TEXTURED = {"type": "mesh", **SQUARE, "uv": [[0, 1], [1, 1], [1, 0], [0, 0]]}
 TEXT = {"type": "text", "text": "MM", "size": 1}
 HAIRLINE = {"type": "line", "points": [[-1.5, 0, 0], [1.5, 0, 0]], "radius": 0, "color": RED}
 UPRIGHT = {"quaternion": [0.5**0.5, 0.5**0.5, 0.0, 0.0]}
+STANDING = {"transform": UPRIGHT}
 
 
 @pytest.mark.parametrize(
@@ -88,19 +89,15 @@ UPRIGHT = {"quaternion": [0.5**0.5, 0.5**0.5, 0.0, 0.0]}
         ({"type": "mesh", **SQUARE, "colors": [RED] * 4}, 0.12, 0.4),
         ({"type": "mesh", **SQUARE, "colors": [[1, 0, 0, 0.02]] * 4}, 0.0, 0.0),
         ({**TEXTURED, "image": png([[[255, 0, 0], [0, 0, 0]]])}, 0.05, 0.3),
-        ({"type": "image", "image": png([[[255, 0, 0, 255]]]), "width": 2, "transform": UPRIGHT}, 0.12, 0.4),
-        ({"type": "image", "image": png([[[255, 0, 0, 0]]]), "width": 2, "transform": UPRIGHT}, 0.0, 0.0),
-        ({**TEXT, "color": RED, "transform": UPRIGHT}, 0.01, 0.2),
-        ({**TEXT, "color": GREEN, "background": RED, "transform": UPRIGHT}, 0.05, 0.2),
+        ({"type": "image", "image": png([[[255, 0, 0, 255]]]), "width": 2, **STANDING}, 0.12, 0.4),
+        ({"type": "image", "image": png([[[255, 0, 0, 0]]]), "width": 2, **STANDING}, 0.0, 0.0),
+        ({**TEXT, "color": RED, **STANDING}, 0.01, 0.2),
+        ({**TEXT, "color": GREEN, "background": RED, **STANDING}, 0.05, 0.2),
         (HAIRLINE, 0.0002, 0.005),
         ({**HAIRLINE, "line_width": 60}, 0.04, 0.2),
         ({"type": "pointcloud", "points": [[0, 0, 0]], "color": RED, "point_size": 8}, 0.00003, 0.0005),
         ({"type": "pointcloud", "points": [[0, 0, 0]], "color": RED, "point_size": 256}, 0.05, 0.2),
-        (
-            {"type": "heightmap", "heights": [[0] * 2] * 2, "lengths": [2, 2], "color": RED, "transform": UPRIGHT},
-            0.12,
-            0.4,
-        ),
+        ({"type": "heightmap", "heights": [[0] * 2] * 2, "lengths": [2, 2], "color": RED, **STANDING}, 0.12, 0.4),
     ],
     ids=lambda value: value["type"] if isinstance(value, dict) else "",
 )
@@ -162,7 +159,7 @@ def test_image_stays_until_the_next_one_is_downloaded(view: tuple[View, Publishe
 
     def publish(*color: int) -> None:
         pixels = png(np.full((4, 4, 3), color))
-        geometry = {"type": "image", "image": pixels, "width": 2, "transform": UPRIGHT}
+        geometry = {"type": "image", "image": pixels, "width": 2, **STANDING}
         publisher.send(setgeometry=[{"path": ["image"], "geometry": geometry}])
 
     publish(255, 0, 0)

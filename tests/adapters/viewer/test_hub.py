@@ -126,15 +126,22 @@ async def test_stalled_browser_does_not_keep_its_snapshot_alive() -> None:
         assert client.model.tree() == tree_of(tree.snapshot.root)
 
 
-async def test_status_and_stereo_rig_are_sent(hub: Any) -> None:
+async def test_status_and_stereo_rig_are_sent_and_the_rig_again_only_if_it_moved(hub: Any) -> None:
     view, tree = hub
     client = Client(view.connect())
     await client.update()
-    assert client.latest["rig"]["pose"][12] == 0.0
+    assert client.latest.pop("rig")["pose"][12] == 0.0
     assert {"name": "queue", "value": 3} in client.latest["status"]["facts"]
     assert {"name": "viewers", "value": 0} in client.latest["status"]["facts"]
-    move(tree, 2.5)
+    client.browser.acknowledge()
+    add_box(tree, "ball")
+    await client.update()
+    assert "rig" not in client.latest
+    client.browser.acknowledge()
+    await asyncio.to_thread(move, tree, 2.5)  # edits of other threads are sent, too
     assert (await client.next_frame("rig"))["pose"][12] == 2.5
+    await client.update()
+    assert client.model.tree()["box",][2][0] == 2.5
 
 
 async def test_the_status_counts_render_requests() -> None:
@@ -156,16 +163,6 @@ async def test_frames_end_when_the_hub_is_cancelled() -> None:
     assert not view.ready
 
 
-async def test_edits_from_other_threads_are_sent(hub: Any) -> None:
-    view, tree = hub
-    client = Client(view.connect())
-    await client.update()
-    client.browser.acknowledge()
-    await asyncio.to_thread(move, tree, 7.0)
-    await client.update()
-    assert np.isclose(client.model.tree()["box",][2][0], 7.0)
-
-
 async def test_pages_drop_meshes_that_were_deleted(hub: Any) -> None:
     view, tree = hub
     client = Client(view.connect())
@@ -185,19 +182,6 @@ async def test_pages_drop_meshes_that_were_deleted(hub: Any) -> None:
     client.browser.acknowledge()
     gc.collect()
     assert (await client.next_frame("forget"))["meshes"] == [number]
-
-
-async def test_the_stereo_rig_is_sent_again_only_if_it_moved(hub: Any) -> None:
-    view, tree = hub
-    client = Client(view.connect())
-    await client.update()
-    del client.latest["rig"]
-    client.browser.acknowledge()
-    add_box(tree, "ball")
-    await client.update()
-    assert "rig" not in client.latest
-    move(tree, 1.0)
-    assert (await client.next_frame("rig"))["pose"][12] == 1.0
 
 
 async def test_settings_of_the_page_are_sent_when_they_change_and_to_later_pages() -> None:

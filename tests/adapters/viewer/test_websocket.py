@@ -270,21 +270,20 @@ async def test_controls_of_a_client_that_vanishes_are_removed() -> None:
         await until(lambda: store.controls_since(0) == [])
 
 
-async def test_a_message_beyond_the_limit_closes_the_connection(view: View) -> None:
+@pytest.mark.parametrize(
+    ("message", "code", "reason"),
+    [
+        ("x" * (MAX_MESSAGE_CHARS + 1), 1009, f"messages have at most {MAX_MESSAGE_CHARS} characters"),
+        (b"k", 1003, "messages of the page are text"),
+    ],
+    ids=["long", "binary"],
+)
+async def test_other_messages_close_the_connection(view: View, message: str | bytes, code: int, reason: str) -> None:
     socket = Socket(view.app)
     await socket.update()
     socket.send("x" * MAX_MESSAGE_CHARS)
-    socket.send("x" * (MAX_MESSAGE_CHARS + 1))
-    assert await socket.closed() == (1009, f"messages have at most {MAX_MESSAGE_CHARS} characters")
-    await socket.task
-    assert view.browsers == 0
-
-
-async def test_a_binary_message_ends_the_connection(view: View) -> None:
-    socket = Socket(view.app)
-    await socket.update()
-    socket.send(b"k")
-    assert await socket.closed() == (1003, "messages of the page are text")
+    socket.send(message)
+    assert await socket.closed() == (code, reason)
     async with asyncio.timeout(SECONDS):
         await socket.task
     assert view.browsers == 0
