@@ -19,20 +19,14 @@ FINGERPRINT = 0xD368E03F33C568BE
 """robotlocomotion.viewer2_comms_t, as lcm-gen computes it."""
 
 
-FLAGS = ("--lcm-url", "off", "--grpc-port", "0", "--tcpq-port", "0")
-
-
-def hub_url(url: str) -> str:
-    """Return the URL of a gateway's TCPQ hub."""
-    return str(clients.get(f"{url}/healthz").json()["interfaces"]["treeviewer"]["tcpq"]["url"])
-
-
 class Publisher:
     """A client of the tree viewer that uses LCM's own library."""
 
     def __init__(self, url: str) -> None:
         lcm = liblcm()
-        self.url = hub_url(url)
+        with clients.Client(base_url=url) as http:
+            interfaces = http.get("/healthz").json()["interfaces"]
+        self.url: str = interfaces["treeviewer"]["tcpq"]["url"]
         """URL of the gateway's TCPQ hub."""
         self.bus = lcm.LCM(self.url)
         self.sent = 0
@@ -88,24 +82,6 @@ class View(Watched):
               for (const object of [stage.grid, stage.axes, frustum.object]) stage.show(object, false);
             }"""
         )
-
-    def at(self, *point: float) -> tuple[float, float]:
-        """Return the place on the page of a point in the world."""
-        project = """([x, y, z]) => {
-          const { stage, Box3 } = scenegate;
-          const point = new Box3().min.set(x, y, z).sub(scenegate.rig.origin).project(scenegate.rig.camera);
-          const area = stage.canvas.getBoundingClientRect();
-          return [area.left + (point.x + 1) / 2 * area.width, area.top + (1 - point.y) / 2 * area.height];
-        }"""
-        left, top = self.page.evaluate(project, point)
-        return left, top
-
-    def drag(self, x: float, y: float, to_x: float, to_y: float, steps: int = 4) -> None:
-        """Move the mouse from one place on the page to another with its left button pressed."""
-        self.page.mouse.move(x, y)
-        self.page.mouse.down()
-        self.page.mouse.move(to_x, to_y, steps=steps)
-        self.page.mouse.up()
 
     def colors(self) -> NDArray[np.uint8]:
         """Return the pixels of the view without what lies over it, (H, W, 3) uint8."""

@@ -3,8 +3,8 @@
 import base64
 import io
 import math
-from collections.abc import Callable
-from contextlib import ExitStack
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import Any
 from urllib.parse import parse_qs, unquote, urlsplit
@@ -15,11 +15,11 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from gateway.files.gltf import read_gltf
-from tests.adapters.viewer.page import FLAGS, Publisher, View, row
+from tests.adapters.viewer.page import Publisher, View, row
 from tests.support import clients
-from tests.support.browser import new_page, wait_in_page
+from tests.support.browser import chromium, new_page, wait_in_page
 from tests.support.forms import CONTENT_TYPE, body, drake_fields, gltf
-from tests.support.gateway_process import gateway_process
+from tests.support.gateway_process import GatewayProcess, gateway_process
 from tests.support.waiting import wait_until
 
 pytestmark = [pytest.mark.browser, pytest.mark.slow]
@@ -32,7 +32,31 @@ STILL = """async () => {
   return where().every((value, i) => Math.abs(value - before[i]) < 1e-6);
 }"""
 """True if the camera did not move for three frames."""
+FLAGS = ("--lcm-url", "off", "--grpc-port", "0")
 RED, GREEN = [1.0, 0.0, 0.0, 1.0], [0.0, 1.0, 0.0, 1.0]
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator[Any]:
+    with chromium() as running:
+        yield running
+
+
+@pytest.fixture(scope="module")
+def gateway(browser: Any) -> Iterator[tuple[GatewayProcess, str]]:
+    with gateway_process(*FLAGS, "--tcpq-port", "0") as running:
+        yield running
+
+
+@pytest.fixture
+def view(browser: Any, gateway: tuple[GatewayProcess, str]) -> Iterator[tuple[View, Publisher]]:
+    _, url = gateway
+    publisher = Publisher(url)
+    publisher.send(delete=[{"path": []}])
+    shown = View(browser, url)
+    yield shown, publisher
+    shown.page.close()
+    assert shown.faults == []
 
 
 def test_published_box_appears_moves_and_disappears(view: tuple[View, Publisher]) -> None:
@@ -76,11 +100,8 @@ def png(pixels: Any) -> str:
 
 
 SQUARE = {"vertices": [[-1, 0, -1], [1, 0, -1], [1, 0, 1], [-1, 0, 1]], "faces": [[0, 1, 2], [0, 2, 3]]}
-TEXTURED = {"type": "mesh", **SQUARE, "uv": [[0, 1], [1, 1], [1, 0], [0, 0]]}
-TEXT = {"type": "text", "text": "MM", "size": 1}
 HAIRLINE = {"type": "line", "points": [[-1.5, 0, 0], [1.5, 0, 0]], "radius": 0, "color": RED}
 UPRIGHT = {"quaternion": [0.5**0.5, 0.5**0.5, 0.0, 0.0]}
-STANDING = {"transform": UPRIGHT}
 
 
 @pytest.mark.parametrize(
@@ -88,16 +109,33 @@ STANDING = {"transform": UPRIGHT}
     [
         ({"type": "mesh", **SQUARE, "colors": [RED] * 4}, 0.12, 0.4),
         ({"type": "mesh", **SQUARE, "colors": [[1, 0, 0, 0.02]] * 4}, 0.0, 0.0),
-        ({**TEXTURED, "image": png([[[255, 0, 0], [0, 0, 0]]])}, 0.05, 0.3),
-        ({"type": "image", "image": png([[[255, 0, 0, 255]]]), "width": 2, **STANDING}, 0.12, 0.4),
-        ({"type": "image", "image": png([[[255, 0, 0, 0]]]), "width": 2, **STANDING}, 0.0, 0.0),
-        ({**TEXT, "color": RED, **STANDING}, 0.01, 0.2),
-        ({**TEXT, "color": GREEN, "background": RED, **STANDING}, 0.05, 0.2),
+        (
+            {
+                "type": "mesh",
+                **SQUARE,
+                "uv": [[0, 1], [1, 1], [1, 0], [0, 0]],
+                "image": png([[[255, 0, 0], [0, 0, 0]]]),
+            },
+            0.05,
+            0.3,
+        ),
+        ({"type": "image", "image": png([[[255, 0, 0, 255]]]), "width": 2, "transform": UPRIGHT}, 0.12, 0.4),
+        ({"type": "image", "image": png([[[255, 0, 0, 0]]]), "width": 2, "transform": UPRIGHT}, 0.0, 0.0),
+        ({"type": "text", "text": "MM", "size": 1, "color": RED, "transform": UPRIGHT}, 0.01, 0.2),
+        (
+            {"type": "text", "text": "MM", "size": 1, "color": GREEN, "background": RED, "transform": UPRIGHT},
+            0.05,
+            0.2,
+        ),
         (HAIRLINE, 0.0002, 0.005),
         ({**HAIRLINE, "line_width": 60}, 0.04, 0.2),
         ({"type": "pointcloud", "points": [[0, 0, 0]], "color": RED, "point_size": 8}, 0.00003, 0.0005),
         ({"type": "pointcloud", "points": [[0, 0, 0]], "color": RED, "point_size": 256}, 0.05, 0.2),
-        ({"type": "heightmap", "heights": [[0] * 2] * 2, "lengths": [2, 2], "color": RED, **STANDING}, 0.12, 0.4),
+        (
+            {"type": "heightmap", "heights": [[0, 0], [0, 0]], "lengths": [2, 2], "color": RED, "transform": UPRIGHT},
+            0.12,
+            0.4,
+        ),
     ],
     ids=lambda value: value["type"] if isinstance(value, dict) else "",
 )
@@ -115,13 +153,14 @@ def test_textures_of_replaced_and_deleted_images_are_freed(view: tuple[View, Pub
     shown, publisher = view
     page = shown.page
     page.set_viewport_size({"width": 300, "height": 240})
+    square = {"type": "mesh", **SQUARE, "uv": [[0, 1], [1, 1], [1, 0], [0, 0]]}
 
     def publish(count: int) -> None:
         pixels = png(np.full((4, 4, 3), (255, count % 256, 0)))
         for name, geometry in (
             ("image", {"type": "image", "image": pixels, "width": 1, "transform": UPRIGHT}),
             ("text", {"type": "text", "text": str(count), "size": 0.2, "color": GREEN}),
-            ("mesh", {**TEXTURED, "image": pixels}),
+            ("mesh", {**square, "image": pixels}),
         ):
             publisher.send(setgeometry=[{"path": [name], "geometry": geometry}])
 
@@ -159,7 +198,7 @@ def test_image_stays_until_the_next_one_is_downloaded(view: tuple[View, Publishe
 
     def publish(*color: int) -> None:
         pixels = png(np.full((4, 4, 3), color))
-        geometry = {"type": "image", "image": pixels, "width": 2, **STANDING}
+        geometry = {"type": "image", "image": pixels, "width": 2, "transform": UPRIGHT}
         publisher.send(setgeometry=[{"path": ["image"], "geometry": geometry}])
 
     publish(255, 0, 0)
@@ -177,7 +216,9 @@ def test_image_stays_until_the_next_one_is_downloaded(view: tuple[View, Publishe
     shown.until(lambda: shown.share("blue") > 0.1, "the third image")
 
 
-def test_large_coordinates_are_as_precise_as_small_ones(view: tuple[View, Publisher], url: str) -> None:
+def test_large_coordinates_are_as_precise_as_small_ones(
+    view: tuple[View, Publisher], gateway: tuple[GatewayProcess, str]
+) -> None:
     """A survey grid in metres: boxes of 4 cm, 8 cm apart, are seen apart; details and files have its numbers."""
     shown, publisher = view
     x, y = 500_000.0, 5_400_000.0
@@ -221,7 +262,7 @@ def test_large_coordinates_are_as_precise_as_small_ones(view: tuple[View, Publis
 def test_text_faces_the_camera(view: tuple[View, Publisher], quaternion: list[float]) -> None:
     """A plane would be seen from the edge, or from behind."""
     shown, publisher = view
-    text = {**TEXT, "color": GREEN, "background": RED}
+    text = {"type": "text", "text": "MM", "size": 1, "color": GREEN, "background": RED}
     publisher.send(setgeometry=[{"path": ["it"], "geometry": {**text, "transform": UPRIGHT}}])
     shown.look_at("it")
     shown.until(lambda: shown.share("red") > 0.05, "the text is shown")
@@ -288,21 +329,16 @@ IN_VIEW = """scenegate.model.nodes.size > 1 && [...scenegate.model.nodes.values(
 """True if the places of all nodes are in view."""
 
 
-@pytest.mark.parametrize("touched", [False, True])
-def test_home_view_follows_the_first_nodes(view: tuple[View, Publisher], touched: bool) -> None:
-    """Until two seconds are over, or the visitor has moved it."""
+def test_home_view_follows_the_first_nodes(view: tuple[View, Publisher]) -> None:
     shown, publisher = view
-    shown.page.evaluate("performance.now = () => 0")
+    shown.page.evaluate("performance.now = () => 0")  # the first nodes are those of two seconds
     publisher.box(["first"], RED)
     shown.until(lambda: row(shown, ["first"]).count() == 1, "the first node is shown")
     assert shown.page.evaluate(IN_VIEW)
     publisher.box(["second"], GREEN, x=40.0)
     shown.until(lambda: shown.page.evaluate(IN_VIEW) and row(shown, ["second"]).count() == 1, "both are in view")
     where = "scenegate.rig.camera.position.toArray()"
-    if touched:
-        shown.page.locator(".stage canvas").click()
-    else:
-        shown.page.evaluate("performance.now = () => 2001")
+    shown.page.evaluate("performance.now = () => 2001")
     before = shown.page.evaluate(where)
     publisher.box(["later"], GREEN, x=-90.0)
     shown.until(lambda: row(shown, ["later"]).count() == 1, "a later node is shown")
@@ -321,6 +357,18 @@ def test_home_view_fits_a_window_of_another_shape(view: tuple[View, Publisher]) 
     before = shown.page.evaluate("scenegate.rig.camera.position.toArray()")
     shown.page.set_viewport_size({"width": 740, "height": 360})
     shown.until(lambda: shown.page.evaluate("scenegate.rig.camera.aspect > 1"), "the phone is turned")
+    assert shown.page.evaluate("scenegate.rig.camera.position.toArray()") == pytest.approx(before)
+
+
+def test_home_view_stays_where_the_visitor_moved_it(view: tuple[View, Publisher]) -> None:
+    shown, publisher = view
+    shown.page.evaluate("performance.now = () => 0")
+    publisher.box(["first"], RED)
+    shown.until(lambda: row(shown, ["first"]).count() == 1, "the first node is shown")
+    shown.page.locator(".stage canvas").click()
+    before = shown.page.evaluate("scenegate.rig.camera.position.toArray()")
+    publisher.box(["second"], GREEN, x=40.0)
+    shown.until(lambda: row(shown, ["second"]).count() == 1, "the second node is shown")
     assert shown.page.evaluate("scenegate.rig.camera.position.toArray()") == pytest.approx(before)
 
 
@@ -482,12 +530,12 @@ def test_disparity_thumbnail_changes(view: tuple[View, Publisher]) -> None:
     shown.page.keyboard.press("Escape")
 
 
-def test_controls_set_the_device_parameters(view: tuple[View, Publisher], url: str) -> None:
+def test_controls_set_the_device_parameters(view: tuple[View, Publisher], gateway: tuple[GatewayProcess, str]) -> None:
     shown, _ = view
     shown.open_stereo_panel()
     shown.page.get_by_text("Stereo matching", exact=True).click()
     shown.page.get_by_label("quality", exact=True).select_option("Low")
-    with clients.Client(base_url=url) as http:
+    with clients.Client(base_url=gateway[1]) as http:
         path = "/api/v2/pipelines/0/nodes/rc_stereomatching/parameters/quality"
         shown.until(lambda: http.get(path).json()["value"] == "Low", "the parameter is set")
         assert http.put(path, json={"value": "High"}).status_code == 200
@@ -507,7 +555,9 @@ def test_controls_set_the_device_parameters(view: tuple[View, Publisher], url: s
         assert http.put(path, json={"value": before["value"]}).status_code == 200
 
 
-def test_the_stereo_camera_is_placed_at_the_view(view: tuple[View, Publisher], url: str) -> None:
+def test_the_stereo_camera_is_placed_at_the_view(
+    view: tuple[View, Publisher], gateway: tuple[GatewayProcess, str]
+) -> None:
     shown, publisher = view
     publisher.box(["seen"], RED)
     shown.look_at("seen")
@@ -518,7 +568,7 @@ def test_the_stereo_camera_is_placed_at_the_view(view: tuple[View, Publisher], u
     place = "([eye, target]) => scenegate.rig.place({ eye, target, up: [0, 0, 1] })"
     forward = "scenegate.frustum.object.matrix.elements.slice(8, 11)"
     where = "scenegate.frustum.object.matrix.elements.slice(12, 15)"
-    with clients.Client(base_url=url) as http:
+    with clients.Client(base_url=gateway[1]) as http:
         before = http.get("/cameras/0/pose").json()["pose"]
         for eye, by_key in (([3.0, 0.0, 1.0], True), ([0.0, -4.0, 0.0], False)):
             page.evaluate(place, [eye, [0.0, 0.0, eye[2]]])
@@ -536,11 +586,11 @@ def test_the_stereo_camera_is_placed_at_the_view(view: tuple[View, Publisher], u
         assert http.put("/cameras/0/pose", params={"pose": before}).status_code == 200
 
 
-def test_render_requests_are_listed(view: tuple[View, Publisher], url: str) -> None:
+def test_render_requests_are_listed(view: tuple[View, Publisher], gateway: tuple[GatewayProcess, str]) -> None:
     shown, _ = view
     shown.open_stereo_panel()
     assert shown.page.get_by_role("tab", name="Renders").count() == 0
-    with clients.Client(base_url=url, headers={"content-type": CONTENT_TYPE}) as http:
+    with clients.Client(base_url=gateway[1], headers={"content-type": CONTENT_TYPE}) as http:
         assert http.post("/render", content=body(gltf())).status_code == 200
         assert http.post("/render", content=body(gltf(), drake_fields("depth"))).status_code == 200
         assert http.post("/render", content=body(gltf(), drake_fields(width="none"))).status_code == 400
@@ -799,10 +849,16 @@ def test_panels_are_resized_and_keep_their_width(view: tuple[View, Publisher]) -
     shown, publisher = view
     publisher.box(["wide"], RED)
     shown.wait_for_node("wide")
-    tree = shown.page.locator(".drawer.left")
-    handle = shown.page.get_by_role("separator", name="Width of the scene tree")
+    tree, handle = (
+        shown.page.locator(".drawer.left"),
+        shown.page.get_by_role("separator", name="Width of the scene tree"),
+    )
     before = tree.bounding_box()["width"]
-    shown.drag(handle.bounding_box()["x"] + 2, 300, 500, 300)
+    box = handle.bounding_box()
+    shown.page.mouse.move(box["x"] + 2, 300)
+    shown.page.mouse.down()
+    shown.page.mouse.move(500, 300, steps=3)
+    shown.page.mouse.up()
     assert tree.bounding_box()["width"] == pytest.approx(500, abs=2)
     handle.focus()
     shown.page.keyboard.press("ArrowLeft")
@@ -970,7 +1026,9 @@ def test_camera_projection_and_grid_are_kept(view: tuple[View, Publisher]) -> No
     shown.page.mouse.move(600, 400)
     shown.page.mouse.wheel(0, -400)
     shown.until(lambda: shown.page.evaluate("scenegate.rig.orthographic.zoom") > 1.0, "the wheel zooms")
-    shown.drag(600, 400, 700, 450)
+    shown.page.mouse.down()
+    shown.page.mouse.move(700, 450, steps=4)
+    shown.page.mouse.up()
     shown.until(lambda: shown.page.evaluate(STILL), "the camera stands still")
     before = shown.page.evaluate(camera)
 
@@ -1025,10 +1083,10 @@ def test_touch_rotates_and_zooms(view: tuple[View, Publisher]) -> None:
 
 def test_page_reconnects_after_a_restart(browser: Any) -> None:
     with ExitStack() as stack:
-        process, url = stack.enter_context(gateway_process(*FLAGS))
+        process, url = stack.enter_context(gateway_process(*FLAGS, "--tcpq-port", "0"))
         port = url.rsplit(":", 1)[1]
         Publisher(url).box(["again"], RED)
-        shown = stack.enter_context(View(browser, url))
+        shown = View(browser, url)
         shown.look_at("again")
         shown.until(lambda: shown.share("red") > 0.02, "a red box")
         shown.expect_outage = True
@@ -1039,16 +1097,30 @@ def test_page_reconnects_after_a_restart(browser: Any) -> None:
         shown.page.get_by_role("button", name="PNG").click()
         shown.page.wait_for_timeout(500)  # short: a slow page is only tested less
         assert outage.is_visible()
-        second, _ = stack.enter_context(gateway_process("--port", port, *FLAGS))
+        second = stack.enter_context(_on_port(port))
         publisher = Publisher(url)
         publisher.box(["other"], GREEN, x=0.5)
         shown.until(lambda: shown.share("green") > 0.02 and shown.share("red") == 0.0, "the new gateway's scene")
         assert second.stop() == 0
+        shown.page.close()
+        assert shown.faults == []
+
+
+@contextmanager
+def _on_port(port: str) -> Iterator[GatewayProcess]:
+    """Start another gateway on the same port."""
+    gateway = GatewayProcess("--http-port", port, *FLAGS, "--tcpq-port", "0")
+    try:
+        gateway.wait_for("Scenegate has started")
+        yield gateway
+    finally:
+        gateway.kill()
 
 
 def test_gateway_without_stereo_camera_is_not_an_error(browser: Any) -> None:
     """Tabs are there for what is used; wheel, orbit and pan with the mouse move the camera."""
-    with gateway_process("--only", "scene,view", "--demo") as (_, url), View(browser, url) as view:
+    with gateway_process("--only", "scene,view", "--demo") as (_, url):
+        view = View(browser, url)
         view.until(lambda: view.page.evaluate("scenegate.model.nodes.size > 10"), "the demo is there")
         view.page.get_by_role("button", name="Selection, stereo").click()
         view.page.get_by_text("Nothing is selected").wait_for()
@@ -1072,10 +1144,13 @@ def test_gateway_without_stereo_camera_is_not_an_error(browser: Any) -> None:
             view.page.mouse.up(button=button)
             moves(f"{button} drag")
             view.page.mouse.move(600, 400)
+        view.page.close()
+        assert view.faults == []
 
 
-def test_panels_wait_for_the_first_response(browser: Any, url: str) -> None:
+def test_panels_wait_for_the_first_response(browser: Any, gateway: tuple[GatewayProcess, str]) -> None:
     """No panel shows an empty state before the gateway responds, or after it stops responding."""
+    _, url = gateway
     Publisher(url).send(delete=[{"path": []}])
     page = new_page(browser)
     held: list[Any] = []
@@ -1116,7 +1191,8 @@ def test_page_is_sent_compressed_and_may_only_use_its_gateway(view: tuple[View, 
     shown.faults.clear()
 
 
-def test_without_webgl_the_page_shows_images_of_the_gateway(browser: Any, url: str) -> None:
+def test_without_webgl_the_page_shows_images_of_the_gateway(browser: Any, gateway: tuple[GatewayProcess, str]) -> None:
+    _, url = gateway
     publisher = Publisher(url)
     publisher.send(delete=[{"path": []}])
     publisher.box(["seen"], RED)

@@ -8,7 +8,10 @@ import pytest
 
 from scenegate import Box, Transform, TreeViewer
 from tests.adapters.viewer.page import View, row
-from tests.support.browser import wait_in_page
+from tests.support import clients
+from tests.support.browser import chromium, wait_in_page
+from tests.support.gateway_process import gateway_process
+from tests.support.waiting import SECONDS
 
 pytestmark = [pytest.mark.browser, pytest.mark.slow]
 
@@ -19,13 +22,27 @@ LEFT = (0.5**0.5, 0.0, 0.0, 0.5**0.5)
 """A quarter turn to the left."""
 
 
+@pytest.fixture(scope="module")
+def gateway() -> Iterator[tuple[Any, str]]:
+    """A browser, and the URL of a gateway."""
+    with chromium() as browser, gateway_process("--lcm-url", "off", "--grpc-port", "0", "--tcpq-port", "0") as (_, url):
+        yield browser, url
+
+
 @pytest.fixture
-def shown(browser: Any, url: str, client: TreeViewer) -> Iterator[tuple[View, TreeViewer]]:
+def shown(gateway: tuple[Any, str]) -> Iterator[tuple[View, TreeViewer]]:
     """The page with a car at x = 1 m, and the client that published it."""
-    publish(client)
-    with View(browser, url) as view:
+    browser, url = gateway
+    with clients.Client(base_url=url) as http:
+        hub = http.get("/healthz").json()["interfaces"]["treeviewer"]["tcpq"]["url"]
+    with TreeViewer(hub, timeout=SECONDS) as viewer:
+        viewer.delete()
+        publish(viewer)
+        view = View(browser, url)
         view.look_at("road", "car")
-        yield view, client
+        yield view, viewer
+        view.page.close()
+        assert view.faults == []
 
 
 def publish(viewer: TreeViewer, x: float = 1.0) -> None:
@@ -86,7 +103,10 @@ def test_camera_rides_along_by_keyboard(shown: tuple[View, TreeViewer]) -> None:
     np.testing.assert_allclose(turned, (ahead[0], -ahead[2], ahead[1]), atol=1e-4)
     box = page.locator(".stage canvas").bounding_box()
     x, y = box["x"] + box["width"] / 2, box["y"] + box["height"] / 2
-    view.drag(x, y, x + 80, y)
+    page.mouse.move(x, y)
+    page.mouse.down()
+    page.mouse.move(x + 80, y, steps=4)
+    page.mouse.up()
     view.until(lambda: not np.allclose(np.subtract(read(view, TARGET), read(view, EYE)), turned), "the drag turns it")
     dragged = np.subtract(read(view, TARGET), read(view, EYE))
     np.testing.assert_allclose(dragged[1], turned[1], atol=1e-4)

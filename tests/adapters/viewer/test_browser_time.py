@@ -9,20 +9,36 @@ from urllib.parse import parse_qs, urlsplit
 import pytest
 
 from scenegate import Box, TreeViewer
-from tests.adapters.viewer.page import FLAGS, View
+from tests.adapters.viewer.page import View
 from tests.support import clients
+from tests.support.browser import chromium
 from tests.support.gateway_process import gateway_process
+from tests.support.waiting import SECONDS
 
 pytestmark = [pytest.mark.browser, pytest.mark.slow]
 
 
+@pytest.fixture(scope="module")
+def gateway() -> Iterator[tuple[Any, str]]:
+    """A browser, and the URL of a gateway."""
+    with chromium() as browser, gateway_process("--lcm-url", "off", "--grpc-port", "0", "--tcpq-port", "0") as (_, url):
+        yield browser, url
+
+
 @pytest.fixture
-def shown(browser: Any, url: str, client: TreeViewer) -> Iterator[tuple[View, TreeViewer]]:
+def shown(gateway: tuple[Any, str]) -> Iterator[tuple[View, TreeViewer]]:
     """The page with a cart at x = 0, and the client that published it."""
-    client["cart"].set(Box((0.4, 0.3, 0.2), color=(1, 0, 0)), transform=(0, 0, 0))
-    with View(browser, url) as view:
+    browser, url = gateway
+    with clients.Client(base_url=url) as http:
+        hub = http.get("/healthz").json()["interfaces"]["treeviewer"]["tcpq"]["url"]
+    with TreeViewer(hub, timeout=SECONDS) as viewer:
+        viewer.delete()
+        viewer["cart"].set(Box((0.4, 0.3, 0.2), color=(1, 0, 0)), transform=(0, 0, 0))
+        view = View(browser, url)
         view.wait_for_node("cart")
-        yield view, client
+        yield view, viewer
+        view.page.close()
+        assert view.faults == []
 
 
 def move(viewer: TreeViewer, x: float) -> None:
@@ -91,7 +107,7 @@ def test_the_slider_is_dragged_and_has_keys(shown: tuple[View, TreeViewer]) -> N
     view.until(lambda: bar(view).get_by_role("button", name="Play (P)").is_visible(), "paused by the mouse")
 
 
-def test_the_address_has_the_moment(shown: tuple[View, TreeViewer], browser: Any, url: str) -> None:
+def test_the_address_has_the_moment(shown: tuple[View, TreeViewer], gateway: tuple[Any, str]) -> None:
     view, viewer = shown
     move(viewer, 1.0)
     view.until(lambda: x_of(view) == 1.0, "live")
@@ -99,11 +115,13 @@ def test_the_address_has_the_moment(shown: tuple[View, TreeViewer], browser: Any
     view.until(lambda: "time=" in view.page.url, "the address has the time")
     time = parse_qs(urlsplit(view.page.url).fragment)["time"][0]
     move(viewer, 2.0)
+    browser, url = gateway
     other = View(browser, url)
     other.page.goto(view.page.url)
     other.until(lambda: other.page.evaluate("scenegate.model.find(['cart'])") and x_of(other) == 1.0, "the same moment")
     render = view.page.get_by_role("link", name="Render")
-    listing = clients.get(f"{url}/scene", params={"time": time}).json()
+    with clients.Client(base_url=url) as http:
+        listing = http.get("/scene", params={"time": time}).json()
     assert next(node for node in listing["nodes"] if node["path"] == ["cart"])["transform"][0][3] == 1.0
     with view.page.expect_response(lambda each: "scene/render" in each.url) as response:
         render.click()
@@ -115,12 +133,13 @@ def test_the_address_has_the_moment(shown: tuple[View, TreeViewer], browser: Any
     assert other.faults == []
 
 
-def test_a_page_is_live_if_the_gateway_comes_back_without_history(browser: Any) -> None:
-    with gateway_process(*FLAGS) as (_, url):
-        view = View(browser, url)
+def test_a_page_is_live_if_the_gateway_comes_back_without_history(gateway: tuple[Any, str]) -> None:
+    arguments = ("--lcm-url", "off", "--grpc-port", "0", "--tcpq-port", "0")
+    with gateway_process(*arguments) as (_, url):
+        view = View(gateway[0], url)
         view.until(lambda: bar(view).is_visible(), "a time bar")
         view.page.keyboard.press("p")
         view.until(lambda: "time=" in view.page.url, "paused")
-    with gateway_process(*FLAGS, "--port", url.rsplit(":", 1)[1], "--history-seconds", "0"):
+    with gateway_process(*arguments, "--port", url.rsplit(":", 1)[1], "--history-seconds", "0"):
         view.until(lambda: bar(view).count() == 0 and "time=" not in view.page.url, "live, without a time bar")
     view.page.close()
