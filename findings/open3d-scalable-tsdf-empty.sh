@@ -2,8 +2,8 @@
 # Package: open3d 0.20.0, which needs libusb-1.0 and libGL; beside it 0.19.0.
 # Wrong belief: the example of RGB-D integration makes a mesh: RGBDImage with depth_scale=1 for metres, ScalableTSDFVolume.
 # Behaviour: the mesh is empty, without an error. PointCloud.create_from_depth_image divides float depth, too, by its depth_scale
-#   (1000 by default) since 0.20, and ignored it before. ScalableTSDFVolume.integrate passes 1000 for depth in metres, so
-#   that it opens voxels a thousandth of the way to the surface. UniformTSDFVolume and VoxelBlockGrid are not affected.
+#   (1000 by default) since 0.20, and ignored it before. ScalableTSDFVolume seems to find its voxels by such a cloud, a
+#   thousandth of the way to the surface (its source was not read). UniformTSDFVolume is not affected.
 # Why it matters: reconstructions of RGB-D cameras end without a surface, and clouds from float depth are a thousand times too small.
 # Seen 2026-11-30: a wall at 1.0037 m has 0 vertices with 0.20.0, 12288 with 0.19.0; its cloud is at 0.0010037 m and at 1.0037 m.
 set -euo pipefail

@@ -44,7 +44,7 @@ from renderers.interface import Frame, Look, Output
 from renderers.light_rig import Rig
 from renderers.stereo.depth.matching import in_turn
 from scenegate.messages.geometry import Box
-from tests.support.endless import EndlessRenderer
+from tests.support.endless import EndlessRenderer, waits_for_studio
 from tests.support.view_frames import parse_frame
 from tests.support.waiting import SECONDS, until
 
@@ -185,17 +185,6 @@ async def test_concurrent_requests_share_one_rendering_per_revision(world: World
     assert int(second.headers["x-scene-revision"]) == world.tree.snapshot.revision
     assert len(world.renderer.cameras) == 2
     assert world.renderer.looks == [Look("studio", world.config.style.background, 4, Rig(exposure=0.5))] * 2
-
-
-def waits_for_studio(render: Callable[..., Frame]) -> Callable[..., Frame]:
-    """Return a function that renders with kernels of the part ``studio`` in the look of this name."""
-
-    def waiting(scene: DrawList, camera: Camera, outputs: Output, look: Look) -> Frame:
-        if look.name == "studio" and Output.COLOR in outputs:
-            pending.wait_for_kernel("studio.shade")
-        return render(scene, camera, outputs, look)
-
-    return waiting
 
 
 async def test_an_image_waits_for_its_kernels_without_a_worker_thread(
