@@ -86,7 +86,7 @@ async def test_settings_of_the_page() -> None:
         viewer.set_view(background="#ff0000", grid=False)
         viewer.set_view(home=((1, 2, 3), (0, 0, 0)), grid=None)
         with pytest.raises(TypeError, match="grid must be True, False or None, not 'no'"):
-            viewer.set_view(grid="no")  # type: ignore[arg-type]
+            viewer.set_view(grid="no")  # type: ignore[arg-type]  # wrong on purpose
         with pytest.raises(ValueError, match=r"home .*eye, target"):
             viewer.set_view(home=((1, 2, 3),))
         with pytest.raises(ValueError, match=r"eye of home .*\[nan, 0.0, 0.0\]"):

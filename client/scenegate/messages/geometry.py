@@ -308,8 +308,8 @@ class MeshGeometry(PlainMesh, frozen=True):
     A viewer that is not Scenegate refuses meshes with ``colors`` or an ``image``, and shows all others.
 
     Attributes:
-        colors: Colours of the vertices, (N, 3) or (N, 4): floats from 0 to 1, or integers from 0 to 255. They multiply
-            ``color``.
+        colors: Colours of the vertices, (N, 3) or (N, 4): floats from 0 to 1, or integers from 0 to 255, sent as bytes.
+            They multiply ``color``.
         uv: Texture coordinates, (N, 2), ignored without ``image``. (0, 0) is the image's top left corner, (1, 1) its
             bottom right one; use ``1 - v`` for coordinates from OBJ files.
         image: Texture, which multiplies ``color``: a PNG or JPEG file as bytes, its path, or pixels as in
@@ -373,8 +373,8 @@ class PointCloud(_Cloud, frozen=True):
 
     Attributes:
         points: Positions, (N, 3).
-        colors: Colours, (N, 3) or (N, 4): floats from 0 to 1, or integers from 0 to 255. They take precedence over
-            ``intensity``.
+        colors: Colours, (N, 3) or (N, 4): floats from 0 to 1, or integers from 0 to 255, sent as bytes. They take
+            precedence over ``intensity``.
         intensity: Grey values, (N,): floats from 0 to 1, or uint8.
         channels: Other values by name, (N,) or (N, k) with k up to 16.
         point_size: Width of the points in pixels, 1 to 256; None: 2. Other viewers ignore it.

@@ -201,7 +201,7 @@ async def test_idle_edits_are_stored_after_a_delay(path: Path, monkeypatch: pyte
     kept.state.start()
     for count, name in enumerate(("quiet", "later"), 2):
         kept.put(name)
-        await until(lambda count=count: kept.sql("SELECT count(*) FROM tree_node") == count)  # type: ignore[misc]
+        await until(lambda count=count: kept.sql("SELECT count(*) FROM tree_node") == count)  # type: ignore[misc]  # a default
     await kept.state.close()
 
 

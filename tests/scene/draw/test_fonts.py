@@ -13,6 +13,7 @@ from gateway.scene.draw.fonts import OpenCVFont, PillowFont, font_for
 from gateway.scene.draw.text_images import text_image
 
 THAI = "ไทย"
+needs_opencv_5 = pytest.mark.skipif(not hasattr(cv2, "FontFace"), reason="OpenCV 5 has the font")
 
 
 @pytest.fixture
@@ -30,6 +31,7 @@ def drawn(text: str) -> NDArray[np.uint8]:
     "text",
     ["20 °C", "Zażółć gęślą äöüß ñ Å", "Ελληνικά", "Кириллица", "日本語 かな 简体 繁體", "한국어", "≤ ∞ → µ"],
 )
+@needs_opencv_5
 @pytest.mark.usefixtures("no_machine_fonts")
 def test_text_in_most_scripts_is_drawn_on_every_machine(text: str) -> None:
     assert font_for(text).missing == ""
@@ -39,6 +41,7 @@ def test_text_in_most_scripts_is_drawn_on_every_machine(text: str) -> None:
         assert not any(np.array_equal(letter, other) for other in letters[:index])
 
 
+@needs_opencv_5
 @pytest.mark.usefixtures("no_machine_fonts")
 def test_a_box_stands_for_each_character_that_no_font_has() -> None:
     text = f"日 {THAI} 本 {THAI}"
@@ -75,6 +78,7 @@ def test_fonts_of_the_machine_draw_what_no_other_font_has(monkeypatch: pytest.Mo
     assert letters.shape[1] > drawn(text[:2]).shape[1]
 
 
+@needs_opencv_5
 @pytest.mark.usefixtures("no_machine_fonts")
 def test_older_versions_of_opencv_leave_pillows_font(monkeypatch: pytest.MonkeyPatch) -> None:
     assert isinstance(font_for("日本"), OpenCVFont)
