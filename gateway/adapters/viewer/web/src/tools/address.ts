@@ -14,6 +14,8 @@ const PERIOD_MS = 500;
 
 export class CameraAddress {
   private timer = 0;
+  /** The hash that was last read or written: another one is a link whose event is still to come. */
+  private known = location.hash;
 
   /** @param isHome returns true in the home view, which the address does not name */
   constructor(
@@ -39,9 +41,10 @@ export class CameraAddress {
     this.timer ||= setTimeout(() => {
       this.timer = 0;
       const hash = this.text();
-      if (hash === location.hash) return;
+      if (hash === location.hash || this.known !== location.hash) return;
       try {
         history.replaceState(null, "", location.pathname + location.search + hash);
+        this.known = location.hash;
       } catch {
         // Inside another page, as in a notebook, a file has no address.
       }
@@ -50,7 +53,10 @@ export class CameraAddress {
 
   /** Call back with the view of the address, now and when a link is followed. */
   read(place: (address: Address) => void): void {
-    const read = () => place(parseAddress(location.hash.slice(1), this.rig.perspective.aspect));
+    const read = () => {
+      this.known = location.hash;
+      place(parseAddress(this.known.slice(1), this.rig.perspective.aspect));
+    };
     addEventListener("hashchange", read);
     read();
   }
