@@ -65,11 +65,15 @@ class BoundedWebSocketProtocol(SlicedReads, WebSocketsSansIOProtocol):
             pong, self._pong = self._pong, b""
             self.transport.write(pong)
 
-    def _fail(self, code: CloseCode, reason: str) -> None:
-        self.frames = []
-        self.conn.fail(code, reason)
-        if self.conn.close_sent is None:  # the client did not wait for the handshake (RFC 6455, 4.1)
+    def handle_parser_exception(self) -> None:
+        """Close the connection, at once if the client has not waited for the handshake (RFC 6455, 4.1)."""
+        if self.conn.close_sent is None:
             self.close_sent = True
             self.transport.abort()
         else:
-            self.handle_parser_exception()
+            super().handle_parser_exception()
+
+    def _fail(self, code: CloseCode, reason: str) -> None:
+        self.frames = []
+        self.conn.fail(code, reason)
+        self.handle_parser_exception()
