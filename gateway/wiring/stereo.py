@@ -12,8 +12,7 @@ from gateway.adapters.stereo.device.camera_config import StereoConfig, Tls
 from gateway.adapters.stereo.device.parameter_specs import NODES
 from gateway.adapters.stereo.device.profile import read_profile
 from gateway.adapters.stereo.device.stream_settings import StreamSettings
-from gateway.adapters.stereo.imaging.pair_files import find_pairs, read_geometry
-from gateway.adapters.stereo.imaging.recorded_pairs import RecordedPairs
+from gateway.adapters.stereo.imaging.recorded_pairs import RecordedPairs, find_pairs, read_geometry
 from gateway.adapters.stereo.imaging.scene_view import OtherProjector, ProjectorSource, SceneState, SceneView
 from gateway.adapters.stereo.routes.camera_routes import camera_router
 from gateway.adapters.stereo.routes.fault_routes import fault_router
@@ -133,9 +132,8 @@ def _start_camera(
 
     pairs = None
     if settings.stereo_images is not None:
-        sequence = find_pairs(settings.stereo_images, config.max_pairs, config.max_pair_pixels)
         geometry = read_geometry(settings.stereo_images) or (config.model.focal_factor, config.model.baseline)
-        pairs = RecordedPairs(sequence, *geometry)
+        pairs = RecordedPairs(find_pairs(settings.stereo_images, config.max_pairs), *geometry, config.max_pair_pixels)
     service = StereoService(
         config,
         view.state,

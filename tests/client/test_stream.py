@@ -13,7 +13,7 @@ from fastapi import FastAPI
 from numpy.typing import NDArray
 
 from gateway.adapters.stereo.device.profile import read_profile
-from gateway.adapters.stereo.imaging.pair_files import read_geometry
+from gateway.adapters.stereo.imaging.recorded_pairs import read_geometry
 from gateway.adapters.stereo.routes.truth_routes import truth_router
 from gateway.runtime.http.http_server import PortService
 from scenegate.camera import image_interface_pb2 as pb

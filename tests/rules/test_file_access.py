@@ -18,7 +18,7 @@ ALLOWED = {
     "runtime/state/database.py": "checks by itself that the file is regular, since it writes it",
     "adapters/viewer/routes.py": "the page, a part of this package",
     "replay/page_file.py": "the page, a part of this package",
-    "adapters/stereo/imaging/pair_files.py": "np.load of an open regular file",
+    "adapters/stereo/imaging/recorded_pairs.py": "np.load of an open regular file",
     "cli/standard_streams.py": "/dev/null",
     "testing/gateway.py": "its own log",
     "files/parsers/texture_files.py": "bytes in memory",

@@ -56,10 +56,6 @@ class StereoService:
             on_streaming: called with True when clients begin to stream images, and with False when there are none.
             has_unapplied_before: see ``LiveTree.has_unapplied_before``.
             pairs: recorded pairs, whose images take the place of the scene; None: the scene is rendered.
-
-        Raises:
-            ImageError: an image of the first pair cannot be decoded.
-            ValueError: size, focal length or baseline of the pairs are beyond the limits of a stereo camera.
         """
         self.hub = ImageSetHub(config.max_clients, config.max_kinds, follows_demand=config.rate == "max")
         self.parameters = Parameters(config.limits, self._parameters_changed)

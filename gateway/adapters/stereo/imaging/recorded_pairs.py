@@ -1,9 +1,9 @@
-"""Recorded stereo pairs in place of the scene: decoding, and the image source that the frame scheduler uses."""
+"""Recorded stereo pairs in place of the scene: a folder of images, their geometry, and the image source of frames."""
 
 from __future__ import annotations
 
-import threading
-from collections.abc import Callable
+import re
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from pathlib import Path
@@ -22,77 +22,122 @@ from renderers.images import decode_image
 from renderers.interface import Frame, Output, Renderer
 from renderers.stereo.model import StereoModel
 from renderers.stereo.sensor.camera_image import SensorImage
-from scenegate.regular_files import read_regular
+from scenegate.regular_files import open_regular, read_regular
 
 _TEST_MODEL_NAME: Final = "rc_test"
 """Model name of the device in its test mode."""
-MAX_FOCAL_FACTOR: Final = 20.0
-"""A smaller focal length is a factor of the image's width, as the vendor's test mode takes it; others are pixels."""
+_SUFFIXES: Final = (".png", ".jpg", ".jpeg", ".webp")
 _CACHED_IMAGES: Final = 8
-"""Number of decoded images in the cache: two pairs, each with Out1 low and high."""
-
-ImageFile = Path | bytes
-"""Path or content of an image file."""
+"""Number of decoded images in the cache: four pairs."""
 
 
-@dataclass(frozen=True, slots=True)
-class Pair:
-    """Encoded images (PNG, JPEG, WebP) of both cameras, rectified."""
+def find_pairs(folder: Path, max_pairs: int) -> list[tuple[Path, Path]]:
+    """Return the left and right images of all pairs below a folder, in the order of their names.
 
-    low: tuple[ImageFile, ImageFile]
-    """Left and right with Out1 low."""
-    high: tuple[ImageFile, ImageFile] | None = None
-    """Left and right with Out1 high; None: as with Out1 low."""
+    The right image of ``…left….png`` is ``…right….png``, in file or folder names: the last ``left`` becomes ``right``.
+
+    Raises:
+        ValueError: there are no pairs, or more than ``max_pairs``; one sentence.
+    """
+    if not folder.is_dir():
+        raise ValueError(f"{folder} is not a folder")
+    images = sorted(path for path in folder.rglob("*") if path.suffix.lower() in _SUFFIXES and path.is_file())
+    if not images:
+        raise ValueError(f"{folder} holds no images ({', '.join(_SUFFIXES)})")
+    existing = set(images)
+    pairs = []
+    for left in images:
+        before, name, after = str(left.relative_to(folder)).rpartition("left")
+        right = folder / f"{before}right{after}"
+        if name and right in existing:
+            pairs.append((left, right))
+    if not pairs:
+        raise ValueError(f"{folder} holds no stereo pairs: none of its {len(images)} images is a …left… with a …right…")
+    if len(pairs) > max_pairs:
+        raise ValueError(f"{folder} holds {len(pairs)} stereo pairs, more than {max_pairs}")
+    return pairs
 
 
-class PairSequence:
-    """Endless sequence of stereo pairs. Thread-safe."""
+def read_geometry(folder: Path) -> tuple[float, float] | None:
+    """Return the camera geometry from files below a folder; None if there are no such files.
 
-    def __init__(self, pairs: list[Pair], max_pixels: int) -> None:
-        """
+    The files are ``*.npz`` of ``scenegate stream``, or ``*param.txt`` of the vendor's tools (``camera.A``,
+    ``camera.width``, ``t``). The vendor's files describe the disparity image, whose width in quality Low is rounded.
+
+    Returns:
+        Focal length divided by the image width, and baseline in metres.
+
+    Raises:
+        ValueError: a file cannot be read; one sentence.
+    """
+    for path in sorted(folder.rglob("*.npz")):
+        try:
+            with open_regular(path) as file, np.load(file, allow_pickle=False) as arrays:
+                if {"left", "left_K", "baseline"} <= set(arrays.files):
+                    return float(arrays["left_K"][0, 0]) / arrays["left"].shape[1], float(arrays["baseline"])
+        except (OSError, ValueError, IndexError) as error:
+            raise ValueError(f"{path} cannot be read: {error}") from None
+    for path in sorted(folder.rglob("*param.txt")):
+        with open_regular(path) as file:
+            text = file.read(10_000).decode("utf-8", "replace")
+        focal, width, baseline = (
+            re.search(pattern, text, re.MULTILINE)
+            for pattern in (r"^camera\.A=\[\s*([\d.eE+-]+)", r"^camera\.width=(\d+)", r"^t=([\d.eE+-]+)")
+        )
+        if focal and width and baseline:
+            try:
+                return float(focal[1]) / int(width[1]), float(baseline[1])
+            except (ValueError, ZeroDivisionError):
+                raise ValueError(f"{path}: camera.A, camera.width or t is not a number") from None
+    return None
+
+
+class RecordedPairs:
+    """Endless sequence of rectified stereo pairs, from one camera. Thread-safe."""
+
+    def __init__(
+        self, pairs: Sequence[tuple[Path, Path]], focal_factor: float, baseline: float, max_pixels: int
+    ) -> None:
+        """Decode the first pair.
+
         Args:
-            pairs: at least one; repeated from the start after the last.
+            pairs: left and right images, at least one pair; repeated from the start after the last.
+            focal_factor: focal length divided by the width of the images.
+            baseline: metres.
             max_pixels: maximum number of pixels of one image.
+
+        Raises:
+            ImageError: an image of the first pair cannot be decoded.
+            ValueError: size, focal length or baseline are beyond the limits of a stereo camera.
         """
-        self.size: tuple[int, int] | None = None
-        """Width and height of every image; None before the first was decoded."""
         self._pairs = pairs
         self._max_pixels = max_pixels
-        self._lock = threading.Lock()
-        # An lru_cache on the method would keep every PairSequence alive.
-        self._decode: Callable[[int, bool, bool], NDArray[np.uint8]] = lru_cache(_CACHED_IMAGES)(self._decode_uncached)
+        self._size = (0, 0)
+        # An lru_cache on the method would keep every object alive.
+        self._decode: Callable[[int, bool], NDArray[np.uint8]] = lru_cache(_CACHED_IMAGES)(self._decode_uncached)
+        height, width = self.image(0, right=False).shape[:2]
+        self._size = width, height
+        self.image(0, right=True)
+        self.model = StereoModel(_TEST_MODEL_NAME, width, height, focal_factor, baseline)
 
-    def __len__(self) -> int:
-        return len(self._pairs)
-
-    def image(self, index: int, *, high: bool, right: bool) -> NDArray[np.uint8]:
+    def image(self, index: int, *, right: bool) -> NDArray[np.uint8]:
         """Return (H, W, 3) uint8 RGB.
 
         Raises:
             ImageError: the image is unreadable, undecodable, or of another size than the first.
         """
-        position = index % len(self._pairs)
-        has_high = self._pairs[position].high is not None
-        return self._decode(position, high and has_high, right)
+        return self._decode(index % len(self._pairs), right)
 
-    def _decode_uncached(self, position: int, high: bool, right: bool) -> NDArray[np.uint8]:
-        pair = self._pairs[position]
-        left_and_right = pair.high if high else pair.low
-        assert left_and_right is not None
-        source = left_and_right[1 if right else 0]
-        name = f"the {'right' if right else 'left'} image of pair {position + 1}"
-        if isinstance(source, Path):
-            name = str(source)
-            try:
-                source = read_regular(source)
-            except OSError as error:
-                raise ImageError(f"{name}: {error.strerror}") from error
-        image = np.ascontiguousarray(decode_image(source, name=name, max_pixels=self._max_pixels)[:, :, :3])
+    def _decode_uncached(self, position: int, right: bool) -> NDArray[np.uint8]:
+        path = self._pairs[position][right]
+        try:
+            data = read_regular(path)
+        except OSError as error:
+            raise ImageError(f"{path}: {error.strerror}") from error
+        image = np.ascontiguousarray(decode_image(data, name=str(path), max_pixels=self._max_pixels)[:, :, :3])
         height, width = image.shape[:2]
-        with self._lock:  # two threads may decode the first images; the size never changes afterwards
-            self.size = self.size or (width, height)
-        if (width, height) != self.size:
-            raise ImageError(f"{name} has {width}x{height} pixels, the first one {self.size[0]}x{self.size[1]}")
+        if (width, height) != self._size != (0, 0):
+            raise ImageError(f"{path} has {width}x{height} pixels, the first one {self._size[0]}x{self._size[1]}")
         return image
 
 
@@ -105,7 +150,7 @@ class PairImaging(Imaging):
     renders by another method, does not exist for recorded pairs.
     """
 
-    pairs: PairSequence
+    pairs: RecordedPairs
 
     def render(self, capture: Capture, offset: float, divisor: int, outputs: Output) -> Frame:
         """Refuse to render: there is no scene.
@@ -116,11 +161,11 @@ class PairImaging(Imaging):
         raise LookupError("the camera shows recorded images; there is no ground truth")
 
     def meter(self, capture: Capture, settings: StreamSettings) -> MeteredExposure:
-        left = self.pairs.image(capture.frame_number, high=capture.out1_high, right=False)
+        left = self.pairs.image(capture.frame_number, right=False)
         return MeteredExposure(settings.manual_exposure, float(_grey(left).mean()) / 255.0)
 
     def expose(self, capture: Capture, request: ImageRequest) -> dict[bool, SensorImage]:
-        rgb = self.pairs.image(capture.frame_number, high=capture.out1_high, right=request.stream.is_right)
+        rgb = self.pairs.image(capture.frame_number, right=request.stream.is_right)
         images = {}
         for color in request.colors:
             image = rgb if color == COLOR else _grey(rgb)
@@ -132,33 +177,7 @@ def _grey(rgb: NDArray[np.uint8]) -> NDArray[np.uint8]:
     return np.asarray(cv2.cvtColor(rgb, cv2.COLOR_RGB2GRAY), np.uint8)
 
 
-@dataclass(frozen=True, slots=True)
-class RecordedPairs:
-    """Pairs and the geometry of the camera that recorded them."""
-
-    sequence: PairSequence
-    focal: float
-    """Focal length; see ``MAX_FOCAL_FACTOR``."""
-    baseline: float
-    """Metres."""
-
-
-def pair_imaging(config: StereoConfig, renderer: Renderer, recorded: RecordedPairs) -> PairImaging:
-    """Return a source of recorded pairs. Decodes the first pair.
-
-    Args:
-        config: applies, but for the camera model and the depth mode.
-
-    Raises:
-        ImageError: an image of the first pair cannot be decoded.
-        ValueError: size, focal length or baseline are beyond the limits of a stereo camera.
-    """
-    pairs, focal = recorded.sequence, recorded.focal
-    left = pairs.image(0, high=False, right=False)
-    for high, right in ((False, True), (True, False), (True, True)):
-        pairs.image(0, high=high, right=right)  # raises ImageError if the image is broken
-    height, width = left.shape[:2]
-    focal_factor = focal if focal < MAX_FOCAL_FACTOR else focal / width
-    model = StereoModel(_TEST_MODEL_NAME, width, height, focal_factor, recorded.baseline)
-    config = replace(config, model=model, color_camera=None, depth_mode="matched")
+def pair_imaging(config: StereoConfig, renderer: Renderer, pairs: RecordedPairs) -> PairImaging:
+    """Return a source of recorded pairs. ``config`` applies, but for the camera model and the depth mode."""
+    config = replace(config, model=pairs.model, color_camera=None, depth_mode="matched")
     return PairImaging(config=config, renderer=renderer, pairs=pairs)

@@ -11,8 +11,7 @@ import numpy as np
 import pytest
 
 from gateway.adapters.stereo.device.camera_config import StereoConfig
-from gateway.adapters.stereo.imaging.pair_files import find_pairs, read_geometry
-from gateway.adapters.stereo.imaging.recorded_pairs import Pair, PairSequence, RecordedPairs, pair_imaging
+from gateway.adapters.stereo.imaging.recorded_pairs import RecordedPairs, find_pairs, pair_imaging, read_geometry
 from gateway.adapters.stereo.imaging.rendered_images import ImageRequest
 from gateway.adapters.stereo.imaging.scene_view import Capture
 from gateway.adapters.stereo.routes.node_routes import node_router
@@ -35,6 +34,15 @@ def png(array: np.ndarray) -> bytes:
     return cv2.imencode(".png", array[..., ::-1] if array.ndim == 3 else array)[1].tobytes()
 
 
+def recorded_pair(
+    folder: Path, left: bytes, right: bytes, focal_factor: float = 0.8, baseline: float = 0.1
+) -> RecordedPairs:
+    """Write a pair into a folder, and return the sequence of it."""
+    for name, data in (("left.png", left), ("right.png", right)):
+        (folder / name).write_bytes(data)
+    return RecordedPairs(find_pairs(folder, 1), focal_factor, baseline, LIMIT)
+
+
 @pytest.fixture
 async def recorded(start: Start) -> pb.ImageSet:
     """Return a set with the projector on."""
@@ -48,7 +56,7 @@ async def test_shows_a_folder_written_by_our_client(recorded: pb.ImageSet, start
     geometry = read_geometry(tmp_path)
     assert geometry is not None
     assert list(geometry) == [pytest.approx(SMALL.focal_factor), pytest.approx(SMALL.baseline)]
-    camera = await start(rate="max", pairs=RecordedPairs(find_pairs(tmp_path, 10, LIMIT), *geometry))
+    camera = await start(rate="max", pairs=RecordedPairs(find_pairs(tmp_path, 10), *geometry, LIMIT))
     image_set = await capture_set(
         camera, left_enabled=True, right_enabled=True, disparity_enabled=True, mesh_enabled=True
     )
@@ -66,22 +74,14 @@ async def test_shows_a_folder_written_by_our_client(recorded: pb.ImageSet, start
 
 
 async def test_status_and_truth_with_pairs(recorded: pb.ImageSet, start: Start, tmp_path: Path) -> None:
-    """Out1 switches between the images without and with the projector's light, as they were recorded."""
-    left, right = pixels(recorded.left), pixels(recorded.right)
-    for level, images in (("low", (left // 2, right // 2)), ("high", (left, right))):
-        for side, image in zip(("left", "right"), images, strict=True):
-            (tmp_path / f"a_{side}_out1_{level}.png").write_bytes(png(image))
-    pairs = RecordedPairs(find_pairs(tmp_path, 10, LIMIT), 270.368, 0.2)
+    left = pixels(recorded.left)
+    pairs = recorded_pair(tmp_path, png(left), png(pixels(recorded.right)), focal_factor=0.8449, baseline=0.2)
     camera = await start(rate="max", pairs=pairs)
-    camera.service.parameters.set("rc_iocontrol", [("out1_mode", "ExposureAlternateActive")])
     image_set = await capture_set(camera, left_enabled=True, disparity_enabled=True, color=True)
-    assert (pixels(image_set.left)[:, :, 1] == left // 2).all()
+    assert (pixels(image_set.left)[:, :, 1] == left).all()
     assert image_set.left.encoding == "rgb8"
     assert image_set.disparity.baseline == pytest.approx(0.2)
     assert image_set.left.focal_length == pytest.approx(270.368)
-    camera.service.parameters.set("rc_iocontrol", [("out1_mode", "High")])
-    lit = await capture_set(camera, left_enabled=True)
-    assert (pixels(lit.left) == left).all()
     async with http_client(*(each(camera.service) for each in (node_router, system_router, truth_router))) as client:
         status = (await client.get("/api/v2/pipelines/0/nodes/rc_camera/status")).json()["values"]
         assert (status["test"], status["baseline"]) == ("1", "0.2")
@@ -94,25 +94,22 @@ async def test_status_and_truth_with_pairs(recorded: pb.ImageSet, start: Start, 
     ("focal", "baseline", "field"), [(0.8, float("nan"), "baseline nan"), (0.001, 0.1, "focal_factor 0.001")]
 )
 def test_impossible_geometry_is_refused(tmp_path: Path, focal: float, baseline: float, field: str) -> None:
-    pairs = PairSequence([Pair((png(np.zeros((64, 64), np.uint8)),) * 2)], LIMIT)
-    with pytest.raises(ValueError, match=field):
-        pair_imaging(StereoConfig(model=SMALL), NO_RENDERER, RecordedPairs(pairs, focal, baseline))
-
-
-def test_images_have_limits() -> None:
-    bomb = PairSequence([Pair((png(np.zeros((2000, 2000), np.uint8)),) * 2)], LIMIT)
-    with pytest.raises(ImageError, match="2000x2000 pixels are more than the limit of 1000000"):
-        bomb.image(0, high=False, right=False)
     blank = png(np.zeros((64, 64), np.uint8))
-    for left, right, high, what in (
-        (blank, png(np.zeros((32, 64), np.uint8)), None, "has 64x32 pixels, the first one 64x64"),
-        (blank, png(np.zeros((64, 32), np.uint8)), None, "has 32x64 pixels, the first one 64x64"),
-        (blank, blank, (blank, b"broken"), "right image of pair 1"),
-        (png(np.zeros((8, 8), np.uint8)), png(np.zeros((8, 8), np.uint8)), None, "8x8"),
+    with pytest.raises(ValueError, match=field):
+        recorded_pair(tmp_path, blank, blank, focal, baseline)
+
+
+def test_images_have_limits(tmp_path: Path) -> None:
+    bomb, blank, tiny = (png(np.zeros((size, size), np.uint8)) for size in (2000, 64, 8))
+    for left, right, what in (
+        (bomb, bomb, "2000x2000 pixels are more than the limit of 1000000"),
+        (blank, png(np.zeros((32, 64), np.uint8)), "has 64x32 pixels, the first one 64x64"),
+        (blank, png(np.zeros((64, 32), np.uint8)), "has 32x64 pixels, the first one 64x64"),
+        (blank, b"broken", r"right\.png"),
+        (tiny, tiny, "8x8"),
     ):
-        pairs = RecordedPairs(PairSequence([Pair((left, right), high)], LIMIT), 0.8, 0.1)
         with pytest.raises((ImageError, ValueError), match=what):
-            pair_imaging(StereoConfig(model=SMALL), NO_RENDERER, pairs)
+            recorded_pair(tmp_path, left, right)
 
 
 async def test_a_broken_later_image_ends_the_stream_with_the_reason(start: Start, tmp_path: Path) -> None:
@@ -120,7 +117,7 @@ async def test_a_broken_later_image_ends_the_stream_with_the_reason(start: Start
     for number, right in enumerate((good, b"\x89PNG\r\n\x1a\n broken")):
         (tmp_path / f"{number}_left.png").write_bytes(good)
         (tmp_path / f"{number}_right.png").write_bytes(right)
-    camera = await start(rate="max", pairs=RecordedPairs(find_pairs(tmp_path, 10, LIMIT), 0.8, 0.1))
+    camera = await start(rate="max", pairs=RecordedPairs(find_pairs(tmp_path, 10), 0.8, 0.1, LIMIT))
     call = camera.stream(left_enabled=True, right_enabled=True)
     with pytest.raises(grpc.aio.AioRpcError, match=r"1_right\.png"):
         async for _ in call:
@@ -129,21 +126,21 @@ async def test_a_broken_later_image_ends_the_stream_with_the_reason(start: Start
 
 def test_pairs_are_found_by_name(tmp_path: Path) -> None:
     image = png(np.zeros((20, 20), np.uint8))
-    names = ["left/0.png", "right/0.png", "left/1.png", "a_left_out1_low.jpg", "a_right_out1_low.jpg"]
-    names += ["a_left_out1_high.jpg", "a_right_out1_high.jpg", "leftover.txt"]
+    names = ["left/0.png", "right/0.png", "left/1.png", "a_left.jpg", "a_right.jpg", "leftover.txt"]
     for name in names:
         (tmp_path / name).parent.mkdir(exist_ok=True)
         (tmp_path / name).write_bytes(image)
-    assert len(find_pairs(tmp_path, 2, LIMIT)) == 2
+    pairs = find_pairs(tmp_path, 2)
+    assert [(left.name, right.name) for left, right in pairs] == [("a_left.jpg", "a_right.jpg"), ("0.png", "0.png")]
     with pytest.raises(ValueError, match="holds 2 stereo pairs, more than 1"):
-        find_pairs(tmp_path, 1, LIMIT)
+        find_pairs(tmp_path, 1)
     with pytest.raises(ValueError, match="nowhere is not a folder"):
-        find_pairs(tmp_path / "nowhere", 10, 10_000_000)
+        find_pairs(tmp_path / "nowhere", 10)
     (tmp_path / "empty").mkdir()
     with pytest.raises(ValueError, match=r"empty holds no images \(\.png, "):
-        find_pairs(tmp_path / "empty", 10, 10_000_000)
+        find_pairs(tmp_path / "empty", 10)
     with pytest.raises(ValueError, match="holds no stereo pairs: none of its 1 images"):
-        find_pairs(tmp_path / "right", 1, LIMIT)
+        find_pairs(tmp_path / "right", 1)
 
 
 def test_geometry_from_the_vendors_parameter_file(tmp_path: Path) -> None:
@@ -157,16 +154,16 @@ def test_geometry_from_the_vendors_parameter_file(tmp_path: Path) -> None:
         read_geometry(tmp_path)
 
 
-def test_brightness_is_the_mean_of_the_recorded_image() -> None:
+def test_brightness_is_the_mean_of_the_recorded_image(tmp_path: Path) -> None:
     image = np.zeros((64, 64, 3), np.uint8)
     image[:, :32] = 255
-    assert exposed(image).brightness == 0.5
-    assert exposed(np.full_like(image, 255)).brightness == 1.0
+    assert exposed(tmp_path, image).brightness == 0.5
+    assert exposed(tmp_path, np.full_like(image, 255)).brightness == 1.0
 
 
-def exposed(image: np.ndarray) -> SensorImage:
+def exposed(folder: Path, image: np.ndarray) -> SensorImage:
     scene: Any = None
-    pairs = RecordedPairs(PairSequence([Pair((png(image), png(image)))], LIMIT), 0.8, 0.1)
+    pairs = recorded_pair(folder, png(image), png(image))
     imaging = pair_imaging(StereoConfig(model=SMALL), NO_RENDERER, pairs)
     request = ImageRequest(Exposure(), NoiseStream.LEFT, frozenset((True,)))
     return imaging.expose(Capture(0, scene, 1, np.eye(4), 0, 1), request)[True]

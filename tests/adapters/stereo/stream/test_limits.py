@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import itertools
+from pathlib import Path
 
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from gateway.adapters.stereo.imaging.recorded_pairs import Pair, PairSequence
+from gateway.adapters.stereo.imaging.recorded_pairs import RecordedPairs
 from renderers.drawlist import ImageError
 from renderers.encode import png_gray8
 from renderers.stereo.depth.depth_images import DepthImages, DepthRange, true_disparity
@@ -97,11 +98,12 @@ def test_bins_meet_the_number_of_points(size: tuple[int, int], max_points: int, 
     assert smallest_bin_size(*size, max_points) == n
 
 
-def test_pairs_repeat_and_are_limited_in_pixels() -> None:
-    files = [png_gray8(np.full((16, 16), value, np.uint8)) for value in (1, 2, 3, 4)]
-    pairs = PairSequence([Pair((files[0], files[1])), Pair((files[2], files[3]), (files[1], files[0]))], 256)
-    views = itertools.product((0, 1, 2), (False, True), (False, True))
-    values = [pairs.image(number, high=high, right=right)[0, 0, 0] for number, high, right in views]
-    assert values == [1, 2, 1, 2, 3, 4, 2, 1, 1, 2, 1, 2]
+def test_pairs_repeat_and_are_limited_in_pixels(tmp_path: Path) -> None:
+    files = [tmp_path / f"{value}.png" for value in (1, 2, 3, 4)]
+    for value, file in enumerate(files, 1):
+        file.write_bytes(png_gray8(np.full((16, 16), value, np.uint8)))
+    pairs = RecordedPairs([(files[0], files[1]), (files[2], files[3])], 0.8, 0.1, 256)
+    views = itertools.product((0, 1, 2), (False, True))
+    assert [pairs.image(number, right=right)[0, 0, 0] for number, right in views] == [1, 2, 3, 4, 1, 2]
     with pytest.raises(ImageError, match="16x16 pixels are more than the limit of 255"):
-        PairSequence([Pair((files[0], files[1]))], 255).image(0, high=False, right=False)
+        RecordedPairs([(files[0], files[1])], 0.8, 0.1, 255)
