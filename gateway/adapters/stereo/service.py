@@ -18,14 +18,13 @@ from gateway.adapters.stereo.imaging.depth_measurement import MeasureArguments, 
 from gateway.adapters.stereo.imaging.recorded_pairs import PairImaging, RecordedPairs, pair_imaging
 from gateway.adapters.stereo.imaging.rendered_images import Imaging, MeteredExposure
 from gateway.adapters.stereo.imaging.scene_view import Capture, SceneReader, SceneSource, SceneState
-from gateway.adapters.stereo.stream.event_queues import EventHub
 from gateway.adapters.stereo.stream.faults import FaultInjector
 from gateway.adapters.stereo.stream.frame import FrameImages, FrameRecord
 from gateway.adapters.stereo.stream.frame_publisher import FramePublisher
 from gateway.adapters.stereo.stream.frame_scheduler import FrameScheduler
 from gateway.adapters.stereo.stream.grpc_server import serving
 from gateway.adapters.stereo.stream.set_kind import SetKind
-from gateway.adapters.stereo.stream.subscriptions import ImageSetHub
+from gateway.adapters.stereo.stream.subscriptions import EventHub, ImageSetHub
 from gateway.runtime.workers.worker_pool import WorkerPool
 from gateway.scene.tree.timeline import TimeError
 from renderers.interface import Renderer

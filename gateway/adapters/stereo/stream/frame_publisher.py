@@ -14,12 +14,11 @@ import structlog
 from gateway.adapters.stereo.device.camera_config import StereoConfig
 from gateway.adapters.stereo.device.timestamps import NANOSECONDS_PER_SECOND
 from gateway.adapters.stereo.imaging.rendered_images import MeteredExposure
-from gateway.adapters.stereo.stream.event_queues import EventHub
 from gateway.adapters.stereo.stream.faults import FaultInjector
 from gateway.adapters.stereo.stream.frame import FrameImages
 from gateway.adapters.stereo.stream.image_messages import depth_acquisition_done
 from gateway.adapters.stereo.stream.set_kind import SetKind
-from gateway.adapters.stereo.stream.subscriptions import ImageSetHub
+from gateway.adapters.stereo.stream.subscriptions import EventHub, ImageSetHub
 from gateway.runtime.logs import tracing
 from gateway.runtime.workers.pool_errors import DeadlineExceeded, PoolClosed, QueueFull
 

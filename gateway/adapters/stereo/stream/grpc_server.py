@@ -14,11 +14,9 @@ from grpc_health.v1 import health, health_pb2, health_pb2_grpc
 from grpc_reflection.v1alpha import reflection
 
 from gateway.adapters.stereo.device.camera_config import StereoConfig, Tls
-from gateway.adapters.stereo.stream.event_queues import EventHub
 from gateway.adapters.stereo.stream.faults import CUT_REASON, FaultInjector
-from gateway.adapters.stereo.stream.reflection import ReflectionPool
 from gateway.adapters.stereo.stream.set_kind import ImageRequestError, read_set_kind
-from gateway.adapters.stereo.stream.subscriptions import ImageSetHub, LimitError, StreamError
+from gateway.adapters.stereo.stream.subscriptions import EventHub, ImageSetHub, LimitError, StreamError
 from gateway.runtime.http.grpc_tokens import TokenCheck
 from gateway.runtime.workers import process_tuning
 from scenegate.camera import image_interface_pb2 as pb
@@ -177,7 +175,7 @@ async def serving(
     health_servicer = health.aio.HealthServicer()
     health_pb2_grpc.add_HealthServicer_to_server(health_servicer, server)
     services = (SERVICE, EVENTS_SERVICE, health.SERVICE_NAME, reflection.SERVICE_NAME)
-    reflection.enable_server_reflection(services, server, pool=ReflectionPool())
+    reflection.enable_server_reflection(services, server)
     address = f"[{config.host}]:{config.port}" if ":" in config.host else f"{config.host}:{config.port}"
     try:
         port = _bind(server, address, config.tls)

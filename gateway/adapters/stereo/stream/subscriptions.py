@@ -1,11 +1,14 @@
-"""Subscriptions of streaming clients. Each has a mailbox for the newest image set: slow clients delay no others."""
+"""Open streams: a mailbox for the newest image set of each client, and a queue of image events. Slow clients delay no
+others: they miss image sets, and lose their oldest events."""
 
 from __future__ import annotations
 
 import asyncio
+from collections import deque
 from collections.abc import Iterator
 from contextlib import contextmanager
 from enum import Enum
+from typing import Generic, TypeVar
 
 from gateway.adapters.stereo.stream.set_kind import SetKind
 
@@ -95,7 +98,105 @@ class Subscription:
         return data
 
 
-class ImageSetHub:
+class EventQueue:
+    """Serialised events that wait for one client."""
+
+    def __init__(self, max_events: int) -> None:
+        """Keep the newest ``max_events``."""
+        self._events: deque[bytes] = deque(maxlen=max_events)
+        self._close_reason = ""
+        self._changed = asyncio.Event()
+
+    def put(self, event: bytes) -> None:
+        """Add an event."""
+        self._events.append(event)
+        self._changed.set()
+
+    def close(self, reason: str) -> None:
+        """End the stream when the queue is empty."""
+        self._close_reason = reason
+        self._changed.set()
+
+    async def get(self) -> list[bytes]:
+        """Wait for events, and return all of them, oldest first.
+
+        Raises:
+            StreamError: the stream has ended, and the queue is empty.
+        """
+        while not self._events:
+            if self._close_reason:
+                raise StreamError(self._close_reason)
+            self._changed.clear()
+            await self._changed.wait()
+        events = list(self._events)
+        self._events.clear()
+        return events
+
+
+Stream = TypeVar("Stream", Subscription, EventQueue)
+
+
+class _Hub(Generic[Stream]):
+    """Open streams of one kind, at most ``max_clients``."""
+
+    def __init__(self, max_clients: int, name: str) -> None:
+        self._max_clients, self._name = max_clients, name
+        self._streams: set[Stream] = set()
+        self._close_reason = ""
+        """Reason for refusing new streams; empty while the hub is open."""
+
+    def __iter__(self) -> Iterator[Stream]:
+        return iter(tuple(self._streams))
+
+    def __len__(self) -> int:
+        return len(self._streams)
+
+    @contextmanager
+    def _opened(self, stream: Stream) -> Iterator[None]:
+        """Have a stream for the duration of the block. Raises LimitError if there are too many, or StreamError."""
+        if self._close_reason:
+            raise StreamError(self._close_reason)
+        if len(self._streams) >= self._max_clients:
+            raise LimitError(f"{self._max_clients} {self._name} are open already, the limit (max_clients)")
+        self._streams.add(stream)
+        try:
+            yield
+        finally:
+            self._streams.discard(stream)
+
+    def close(self, reason: str) -> None:
+        """End all streams and refuse new ones."""
+        self._close_reason = reason
+        for stream in self._streams:
+            stream.close(reason)
+
+
+class EventHub(_Hub[EventQueue]):
+    """Queues of all clients of the image events."""
+
+    def __init__(self, max_clients: int, max_events: int) -> None:
+        super().__init__(max_clients, "event streams")
+        self._max_events = max_events
+
+    @contextmanager
+    def subscribe(self) -> Iterator[EventQueue]:
+        """Return a queue for the duration of the block. Raises LimitError or StreamError."""
+        queue = EventQueue(self._max_events)
+        with self._opened(queue):
+            yield queue
+
+    def put(self, event: bytes) -> None:
+        """Add an event to every client's queue."""
+        for queue in self._streams:
+            queue.put(event)
+
+    def end_streams(self, reason: str) -> None:
+        """End all streams."""
+        for queue in self._streams:
+            queue.close(reason)
+
+
+class ImageSetHub(_Hub[Subscription]):
     """All subscriptions of one camera."""
 
     def __init__(self, max_clients: int, max_kinds: int, *, follows_demand: bool = False) -> None:
@@ -105,12 +206,12 @@ class ImageSetHub:
             max_kinds: maximum number of different kinds of set.
             follows_demand: True: frames are made when clients want them, so ``notify_demand`` wakes the scheduler.
         """
+        super().__init__(max_clients, "streams")
         self.generation = 0
         """Number of changes of parameters, faults or image source."""
         self.scheduler_wakeup = asyncio.Event()
         """Set when a client subscribes or disconnects, parameters or the image source change, or depth is triggered."""
         self._follows_demand = follows_demand
-        self._max_clients = max_clients
         self._max_kinds = max_kinds
         self.kinds: frozenset[SetKind] = frozenset()
         """Kinds of all subscriptions."""
@@ -120,19 +221,10 @@ class ImageSetHub:
         """Kinds with depth images."""
         self.new_kinds: set[SetKind] = set()
         """Kinds of new subscriptions. The frame scheduler sends them the last frame, and empties this set."""
-        self._subscriptions: set[Subscription] = set()
         self.sent = 0
         """Number of sets taken by all clients since start."""
         self.skipped = 0
         """Number of sets that clients did not get since start, because a set of a later frame was there."""
-        self._close_reason = ""
-        """Reason for refusing new subscriptions; empty while the hub is open."""
-
-    def __iter__(self) -> Iterator[Subscription]:
-        return iter(tuple(self._subscriptions))
-
-    def __len__(self) -> int:
-        return len(self._subscriptions)
 
     @contextmanager
     def subscribe(self, kind: SetKind) -> Iterator[Subscription]:
@@ -142,25 +234,20 @@ class ImageSetHub:
             LimitError: too many clients, or too many different requests.
             StreamError: the hub is closed.
         """
-        if self._close_reason:
-            raise StreamError(self._close_reason)
-        if len(self._subscriptions) >= self._max_clients:
-            raise LimitError(f"{self._max_clients} streams are open already, the limit (max_clients)")
-        if kind not in self.kinds and len(self.kinds) >= self._max_kinds:
-            raise LimitError(f"{self._max_kinds} different requests are served already, the limit (max_kinds)")
         subscription = Subscription(kind, self)
-        self._subscriptions.add(subscription)
-        self.new_kinds.add(kind)
-        self._update_kinds()
         try:
-            yield subscription
+            with self._opened(subscription):
+                if kind not in self.kinds and len(self.kinds) >= self._max_kinds:
+                    raise LimitError(f"{self._max_kinds} different requests are served already, the limit (max_kinds)")
+                self.new_kinds.add(kind)
+                self._update_kinds()
+                yield subscription
         finally:
-            self._subscriptions.discard(subscription)
             self._update_kinds()
 
     def _update_kinds(self) -> None:
         """Compute the kinds of the current subscriptions, and wake the scheduler."""
-        self.kinds = frozenset(s.kind for s in self._subscriptions)
+        self.kinds = frozenset(s.kind for s in self._streams)
         self.camera_kinds = tuple(kind for kind in self.kinds if not kind.has_depth)
         self.depth_kinds = tuple(kind for kind in self.kinds if kind.has_depth)
         self.new_kinds &= self.kinds
@@ -178,7 +265,7 @@ class ImageSetHub:
 
     def kinds_with_mailbox(self, *states: MailboxState) -> set[SetKind]:
         """Return the kinds of subscriptions whose mailbox is in one of these states."""
-        return {s.kind for s in self._subscriptions if s.state in states}
+        return {s.kind for s in self._streams if s.state in states}
 
     def publish(self, kind: SetKind, frame_number: int, data: bytes, generation: int = 0) -> None:
         """Store a set in every mailbox of this kind.
@@ -190,18 +277,12 @@ class ImageSetHub:
             generation: generation of the hub when the frame was captured. Subscriptions of a later generation do not
                 get the set: a client that sets a parameter and then opens a stream expects sets with that parameter.
         """
-        for subscription in self._subscriptions:
+        for subscription in self._streams:
             if subscription.kind == kind and subscription.generation <= generation:
                 subscription.put(frame_number, data)
 
     def end_streams(self, kind: SetKind, reason: str) -> None:
         """End the streams of this kind."""
-        for subscription in self._subscriptions:
+        for subscription in self._streams:
             if subscription.kind == kind:
                 subscription.close(reason)
-
-    def close(self, reason: str) -> None:
-        """End all streams and refuse new ones."""
-        self._close_reason = reason
-        for subscription in self._subscriptions:
-            subscription.close(reason)

@@ -8,7 +8,6 @@ from pathlib import Path
 import grpc
 import pytest
 from grpc_health.v1 import health_pb2, health_pb2_grpc
-from grpc_reflection.v1alpha import reflection_pb2, reflection_pb2_grpc
 from grpc_reflection.v1alpha.proto_reflection_descriptor_database import ProtoReflectionDescriptorDatabase
 
 from gateway.adapters.stereo.device.camera_config import Tls
@@ -44,17 +43,6 @@ async def test_health_and_reflection(start: Start) -> None:
     services, messages = await asyncio.to_thread(look)
     assert "ImageInterface" in services
     assert "ImageSetRequest" in messages
-
-
-async def test_reflection_finds_methods_too(start: Start) -> None:
-    camera = await start()
-    call = reflection_pb2_grpc.ServerReflectionStub(camera.channel).ServerReflectionInfo()
-    known = {"ImageInterface", "ImageInterface.StreamImageSets", "grpc.health.v1.Health.Watch", "Image.data"}
-    for name in (*known, "ImageInterface.Nothing", "Nothing.StreamImageSets", "Nothing", ""):
-        await call.write(reflection_pb2.ServerReflectionRequest(file_containing_symbol=name))
-        kind = (await call.read()).WhichOneof("message_response")
-        assert kind == ("file_descriptor_response" if name in known else "error_response"), name
-    await call.done_writing()
 
 
 async def test_a_taken_port_is_one_sentence(start: Start) -> None:

@@ -8,8 +8,8 @@ from typing import TypeAlias
 import grpc
 import pytest
 
-from gateway.adapters.stereo.stream.event_queues import EventHub
 from gateway.adapters.stereo.stream.image_messages import depth_acquisition_done
+from gateway.adapters.stereo.stream.subscriptions import EventHub
 from scenegate.camera import image_interface_pb2 as pb
 from tests.adapters.stereo.conftest import Camera, Start, nanoseconds
 from tests.support.waiting import SECONDS, until

@@ -22,7 +22,7 @@ from scenegate.camera import image_interface_pb2 as pb
 from gateway.runtime.logs import log_setup
 from gateway.runtime.workers import process_tuning
 from gateway.adapters.stereo.device.camera_config import StereoConfig
-from gateway.adapters.stereo.stream.event_queues import EventHub
+from gateway.adapters.stereo.stream.subscriptions import EventHub
 from gateway.adapters.stereo.stream.grpc_server import serving
 from gateway.adapters.stereo.stream.subscriptions import ImageSetHub, MailboxState
 
