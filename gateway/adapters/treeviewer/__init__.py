@@ -3,8 +3,8 @@
 ``service`` starts the transports and the hub (``gateway.runtime.lcm``). A request from them passes through the files in
 this order:
 
-- ``dispatch``: refuses a request, or passes it on. ``queues`` keeps the order of each client's requests. ``executor``
-  reads and applies small requests on the event loop, others with a worker thread.
+- ``dispatch``: refuses a request, or passes it on. It reads and applies small requests on the event loop, others
+  with a worker thread. ``queues`` keeps the order of each client's requests.
 - ``protocol``: the protocol without I/O. ``wire`` decodes the message.
 - ``request_reader``: turns the data in the message, JSON or MessagePack, into a ``requests.Request``. The table in
   ``commands`` says how each command is read, ``regular_commands`` has the types of frequent ones, which msgspec reads;

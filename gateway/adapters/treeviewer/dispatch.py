@@ -1,25 +1,35 @@
-"""Pass messages from the transports on: requests are refused, executed at once or queued; others have listeners."""
+"""Pass messages from the transports on: requests are refused, executed at once or queued; others have listeners.
 
+Small requests are read and applied at once on the event loop, big ones and those with images in worker threads.
+"""
+
+import asyncio
 from collections.abc import Sequence
 from dataclasses import asdict
 from typing import Final
 
 import structlog
 
+from gateway.adapters.treeviewer import responses
 from gateway.adapters.treeviewer.config import TreeViewerConfig
+from gateway.adapters.treeviewer.context import ThreadRequired
 from gateway.adapters.treeviewer.delivery import Counters, Delivery, DurableStore, Publish, Recipient
-from gateway.adapters.treeviewer.executor import RequestExecutor
-from gateway.adapters.treeviewer.protocol import REQUEST, TreeViewerProtocol
+from gateway.adapters.treeviewer.protocol import REQUEST, RequestRefused, TreeViewerProtocol
 from gateway.adapters.treeviewer.queues import ClientQueues, ReceivedRequest
 from gateway.adapters.treeviewer.responses import AnyResponse
 from gateway.runtime.lcm.listener import ChannelListener
 from gateway.runtime.lcm.tcpq_hub import HubConnection
+from gateway.runtime.logs.tracing import lcm_message_span
+from gateway.runtime.workers.pool_errors import UnavailableErrors
 from gateway.runtime.workers.worker_pool import WorkerPool
+from renderers.compiler.pending import any_pending
 from scenegate.lcm.transport import LcmMessage
 from scenegate.messages import wire
 
 _log = structlog.get_logger("gateway.treeviewer")
 
+_MESSAGEPACK_SLOWNESS: Final = 4
+"""Ratio of the time to read a MessagePack request to that of a JSON request of the same size; see ``offload_bytes``."""
 MAX_LOGGED: Final = 10
 """Number of undecodable messages that are all logged. Of later ones every thousandth is logged."""
 
@@ -35,12 +45,19 @@ class Dispatcher:
         store: DurableStore | None = None,
         listeners: Sequence[ChannelListener] = (),
     ) -> None:
-        """``store``: storage of the tree; None: responses do not wait. ``listeners``: receivers of other channels."""
-        self._config, self._store, self._listeners = config, store, tuple(listeners)
+        """
+        Args:
+            pool: reads what the event loop does not.
+            store: storage of the tree; None: responses do not wait.
+            listeners: receivers of other channels.
+        """
+        self._protocol, self._config, self._pool = protocol, config, pool
+        self._store, self._listeners = store, tuple(listeners)
+        self._apply_lock = asyncio.Lock()
+        """Held while a big request is applied: merging two of them would block the event loop."""
         self._closing = False
         self.counters = Counters()
         self._delivery = Delivery(self.counters, store)
-        self._executor = RequestExecutor(protocol, config, pool, self.counters, self._delivery.page_client)
         self.queues = ClientQueues(self._handle, protocol.live.unapplied_arrivals, config.client_waiting_bytes)
         self._last_undecodable = ""
         """Channel and fault of the last undecodable message."""
@@ -70,11 +87,7 @@ class Dispatcher:
         response: AnyResponse | None = None
         if self._closing:
             self._delivery.refuse(request.recipient, comms.utime, "the viewer is shutting down")
-        elif (
-            client not in self.queues.clients
-            and not storage_full
-            and (response := self._executor.respond_at_once(request))
-        ):
+        elif client not in self.queues.clients and not storage_full and (response := self._respond_at_once(request)):
             self._delivery.send_when_stored(request.recipient, response)
         elif storage_full or self.queues.waiting_bytes + request.memory > self._config.waiting_bytes:
             self.counters.dropped += 1
@@ -101,7 +114,48 @@ class Dispatcher:
 
     async def _handle(self, request: ReceivedRequest) -> None:
         """Respond to the oldest request in a client's queue."""
-        self._delivery.send_when_stored(request.recipient, await self._executor.respond(request))
+        self._delivery.send_when_stored(request.recipient, await self._respond(request))
+
+    def _respond_at_once(self, request: ReceivedRequest) -> AnyResponse | None:
+        """Read and apply a small request on the event loop; return None if a thread must read it."""
+        message, comms = request.message, request.comms
+        slowness = _MESSAGEPACK_SLOWNESS if comms.format == wire.BINARY else 1
+        if len(message.data) > self._config.offload_bytes // slowness or any_pending():
+            return None
+        try:
+            applier = self._protocol.read(comms, at_once=True)
+            with lcm_message_span(message.channel, len(message.data)):
+                applier.apply(message.arrival)
+                return self._protocol.respond(applier, self._delivery.page_client(request.recipient), comms.utime)
+        except ThreadRequired:
+            return None
+        except Exception as error:  # one request must not end the transport  # noqa: BLE001
+            return self._failure(request, error)
+
+    async def _respond(self, request: ReceivedRequest) -> AnyResponse:
+        """Read and apply a request: on the event loop if that is quick, else in a thread and in slices on the loop."""
+        if response := self._respond_at_once(request):
+            return response
+        message, comms = request.message, request.comms
+        try:
+            with lcm_message_span(message.channel, len(message.data)):
+                applier = await self._pool.run(self._protocol.read, comms, message.is_local)
+                async with self._apply_lock:
+                    for _ in applier.slices(self._config.slice_commands, message.arrival):
+                        await asyncio.sleep(0)
+                return self._protocol.respond(applier, self._delivery.page_client(request.recipient), comms.utime)
+        except Exception as error:  # noqa: BLE001 - as in _respond_at_once
+            return self._failure(request, error)
+
+    def _failure(self, request: ReceivedRequest, error: Exception) -> AnyResponse:
+        """Return the response to a request that could not be read or applied. Log an unexpected error."""
+        if isinstance(error, RequestRefused):
+            return error.response
+        if isinstance(error, UnavailableErrors):
+            return responses.failed(request.comms.utime, str(error))
+        self.counters.internal_errors += 1
+        _log.error("A request could not be handled", channel=request.message.channel, exc_info=error)
+        return responses.failed(request.comms.utime, "internal error; the viewer's log says more")
 
     def _count_undecodable(self, channel: str, error: wire.WireError) -> None:
         """Count a message to which no response is possible, and log it unless there are many."""

@@ -1,6 +1,6 @@
 """Director's tree viewer protocol without I/O: read a request, apply it to the live tree, return the response.
 
-``executor`` calls it; tests call ``TreeViewerProtocol.handle`` directly.
+``dispatch`` calls it; tests call ``TreeViewerProtocol.handle`` directly.
 """
 
 import time
