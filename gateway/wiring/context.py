@@ -96,7 +96,7 @@ class Context:
     @cached_property
     def kernels(self) -> KernelLoader:
         """Loader of compiled kernels."""
-        return KernelLoader(self.registry, self.exit_stack, bar=self.reports is None)
+        return KernelLoader(self.registry, self.exit_stack)
 
     @cached_property
     def flattener(self) -> Flattener:

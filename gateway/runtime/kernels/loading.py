@@ -33,16 +33,12 @@ MAX_RETRY_SECONDS: Final = 300.0
 class KernelLoader:
     """Loads the kernels of a server, compiled by child processes first where they are not cached."""
 
-    def __init__(self, registry: ServiceRegistry, exit_stack: ExitStack, *, bar: bool = True) -> None:
-        """The registry shows state and progress; the stack is closed when the server ends.
-
-        ``bar``: show the progress as a bar if stderr is a terminal.
-        """
+    def __init__(self, registry: ServiceRegistry, exit_stack: ExitStack) -> None:
+        """The registry shows state and progress; the stack is closed when the server ends."""
         self.progress: KernelProgress | None = None
         """Progress of compiling the kernels that the start needs; None if they are not being compiled."""
         self._registry = registry
         self._exit_stack = exit_stack
-        self._bar = bar
 
     async def load_needed(self) -> None:
         """Load the kernels that the default settings need, again after errors that may pass. Raises KernelError."""
@@ -91,7 +87,7 @@ class KernelLoader:
         self._registry.ready(KERNELS)
 
     async def _compile_needed(self) -> None:
-        """Compile the kernels. The log or a terminal, ``/readyz`` and the starting page show the progress."""
+        """Compile the kernels. The log, ``/readyz`` and the starting page show the progress."""
         progress = self.progress = KernelProgress({name: part.function_count for name, part in parts.NEEDED.items()})
         entry = self._registry.entries[KERNELS]
         entry.progress = progress.describe
@@ -100,7 +96,7 @@ class KernelLoader:
             folder=str(cache.configure()),
         )
         try:
-            with show_progress(progress, _log.info, bar=self._bar):
+            with show_progress(progress, _log.info):
                 await cache.compile_missing(parts.NEEDED, progress)
         finally:
             self.progress = None
