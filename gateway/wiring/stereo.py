@@ -14,10 +14,9 @@ from gateway.adapters.stereo.device.profile import read_profile
 from gateway.adapters.stereo.device.stream_settings import StreamSettings
 from gateway.adapters.stereo.imaging.recorded_pairs import RecordedPairs, find_pairs, read_geometry
 from gateway.adapters.stereo.imaging.scene_view import OtherProjector, ProjectorSource, SceneState, SceneView
-from gateway.adapters.stereo.routes.camera_routes import camera_router
+from gateway.adapters.stereo.routes.camera_routes import camera_router, pose_router
 from gateway.adapters.stereo.routes.fault_routes import fault_router
 from gateway.adapters.stereo.routes.node_routes import node_router
-from gateway.adapters.stereo.routes.pose_routes import pose_router
 from gateway.adapters.stereo.routes.system_routes import system_router
 from gateway.adapters.stereo.routes.truth_routes import truth_router
 from gateway.adapters.stereo.service import StereoService

@@ -1,4 +1,6 @@
-"""Routes whose expected errors become responses in plain text, such as 503 for work that was not done."""
+"""Routes whose expected errors become responses, such as 503 for work that was not done: plain text, unless a subclass
+has another form.
+"""
 
 from __future__ import annotations
 
@@ -47,11 +49,15 @@ class PlainErrorRoute(APIRoute):
             except ClientDisconnect:
                 return Response(status_code=CLIENT_GONE)
             except UnavailableErrors as error:
-                return PlainTextResponse(unavailable_message(error), 503, retry_after(error))
+                return self.error_response(503, unavailable_message(error), retry_after(error))
             except tuple(self.statuses) as error:
                 status = next(status for kind, status in self.statuses.items() if isinstance(error, kind))
                 text = f"a texture of the scene cannot be decoded: {error}" if status == 500 else str(error)
                 headers = retry_after(error) if status == 503 else None
-                return PlainTextResponse(text.encode("utf-8", "backslashreplace"), status, headers)
+                return self.error_response(status, text, headers)
 
         return handle_with_errors
+
+    def error_response(self, status: int, text: str, headers: Mapping[str, str] | None) -> Response:
+        """Return the response to an error, whose text is one sentence."""
+        return PlainTextResponse(text.encode("utf-8", "backslashreplace"), status, headers)

@@ -1,8 +1,8 @@
-"""``GET /cameras/…``: descriptions of the cameras, and images that are captured on request, without a stream."""
+"""``/cameras/…``: descriptions and places of the cameras, and images that are captured on request, without a stream."""
 
 from __future__ import annotations
 
-from collections.abc import Awaitable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import Annotated, Any, Final, Literal
 
 import numpy as np
@@ -10,16 +10,18 @@ from fastapi import APIRouter, Path, Query
 from fastapi.responses import Response
 from numpy.typing import NDArray
 
+from gateway.adapters.stereo.device.camera_config import StereoConfig
 from gateway.adapters.stereo.device.timestamps import timestamp_text
+from gateway.adapters.stereo.imaging.scene_view import SceneView
 from gateway.adapters.stereo.routes.rest_common import RestError, error_responses, new_router
-from gateway.adapters.stereo.routes.rgbd import rgbd_npz
+from gateway.adapters.stereo.routes.truth_routes import npz_bytes
 from gateway.adapters.stereo.service import StereoService
 from gateway.adapters.stereo.stream.frame import FrameImages
 from gateway.adapters.stereo.stream.set_kind import SetKind
 from gateway.runtime.http.openapi import Responses, example, file_response, json_example
 from gateway.runtime.http.scene_query import TIME_PARAMETER
-from gateway.scene.tree.timeline import TimeError
-from renderers.drawlist import ImageError
+from gateway.scene.draw.cameras import LOOK_AT_PATTERN, CameraError
+from gateway.scene.draw.mount import mount_pose_text, parse_mount_pose
 from renderers.encode import png_gray8, png_gray16, png_rgb
 from renderers.stereo.model import Intrinsics
 from renderers.stereo.sensor.camera_image import NoiseStream
@@ -59,6 +61,9 @@ _IMAGE_DESCRIPTION: Final = (
     "X-Timestamp: time of the image, seconds.nanoseconds. The camera's parameters are those of now."
 )
 
+_POSE_EXAMPLE: Final = "eye=1.4,-1.1,1.7;target=0,0,0.85;up=0,0,1"
+_POSE_RESPONSES: Final = json_example({"pose": _POSE_EXAMPLE}) | error_responses({404: "There is no such camera."})
+
 Aligned = Annotated[
     bool, Query(description="Depth as seen by the colour camera, with its size", openapi_examples=example(False))
 ]
@@ -67,12 +72,7 @@ Aligned = Annotated[
 def camera_router(*services: StereoService) -> APIRouter:
     """Return the routes below ``/cameras``. A camera's pipeline number is its index in ``services``."""
     routes = new_router()
-    names = [service.config.name for service in services]
-    camera_name = Path(
-        description="Name of the camera, or number of its pipeline",
-        json_schema_extra={"enum": [*names, *map(str, range(len(names)))]},
-        openapi_examples=example(names[0]),
-    )
+    camera_name = _camera_name([service.config.name for service in services])
 
     @routes.get("/cameras", summary="Cameras", responses=json_example({"cameras": [_CAMERA_EXAMPLE]}))
     async def cameras() -> dict[str, Any]:
@@ -92,9 +92,9 @@ def camera_router(*services: StereoService) -> APIRouter:
     )
     async def rgbd(name: str = camera_name, aligned: Aligned = False, time: float | None = TIME_PARAMETER) -> Response:
         service = _find_with_color(services, name)
-        frame = await _capture(service, _RGBD, time)
-        data = await _compute(rgbd_npz(frame, service.config, service.workers, aligned=aligned))
-        return _response(data, "application/zip", frame)
+        frame = await service.capture(_RGBD, time)
+        arrays = await _rgbd_arrays(frame, service.config, aligned=aligned)
+        return _response(await service.workers.run(npz_bytes, arrays), "application/zip", frame)
 
     @routes.get(
         "/cameras/{name}/{image}",
@@ -116,11 +116,74 @@ def camera_router(*services: StereoService) -> APIRouter:
         time: float | None = TIME_PARAMETER,
     ) -> Response:
         service = _find_with_color(services, name) if image == "color" else _find(services, name)[1]
-        frame = await _capture(service, _SETS_BY_IMAGE[image], time)
-        pixels = await _compute(_pixels(frame, image, aligned=aligned))
+        frame = await service.capture(_SETS_BY_IMAGE[image], time)
+        pixels = await _pixels(frame, image, aligned=aligned)
         return _response(await service.workers.run(_png, pixels), "image/png", frame)
 
     return routes
+
+
+def pose_router(views: Mapping[str, SceneView]) -> APIRouter:
+    """Return the routes of the cameras' places. ``views``: of all cameras by name, in the order of their pipelines."""
+    routes = new_router()
+    camera_name = _camera_name([*views])
+
+    def find(name: str) -> SceneView:
+        return [*views.values()][_number_of(name, [*views])]
+
+    def text_of(view: SceneView) -> dict[str, str]:
+        return {"pose": mount_pose_text(view.pose_in(view.tree.snapshot))}
+
+    @routes.get("/cameras/{name}/pose", summary="Where a camera is", responses=_POSE_RESPONSES)
+    async def get_pose(name: str = camera_name) -> dict[str, str]:
+        """The left optical frame in the world, as text for `--stereo-pose`."""
+        return text_of(find(name))
+
+    @routes.put(
+        "/cameras/{name}/pose",
+        summary="Place a camera",
+        responses=_POSE_RESPONSES
+        | error_responses({400: "The text is not a pose.", 409: "The camera follows a node of the scene."}),
+    )
+    async def put_pose(
+        pose: Annotated[
+            str,
+            Query(
+                description="x,y,z,qw,qx,qy,qz or eye=x,y,z;target=x,y,z;up=x,y,z, as --stereo-pose.",
+                json_schema_extra={"pattern": LOOK_AT_PATTERN},
+                openapi_examples=example(_POSE_EXAMPLE),
+            ),
+        ],
+        name: str = camera_name,
+    ) -> dict[str, str]:
+        """Move the camera until the gateway ends; the next images are from there."""
+        view, status = find(name), 400
+        try:
+            X_world_left = parse_mount_pose(pose)
+            status = 409
+            view.place(X_world_left)
+        except CameraError as error:
+            raise RestError(status, str(error)) from None
+        return text_of(view)
+
+    return routes
+
+
+def _camera_name(names: Sequence[str]) -> Any:
+    """Return the parameter of a path that names a camera."""
+    return Path(
+        description="Name of the camera, or number of its pipeline",
+        json_schema_extra={"enum": [*names, *map(str, range(len(names)))]},
+        openapi_examples=example(names[0]),
+    )
+
+
+def _number_of(name: str, names: Sequence[str]) -> int:
+    """Return the pipeline number of a camera, by its name or number. Raises RestError."""
+    for number, each in enumerate(names):
+        if name in (each, str(number)):
+            return number
+    raise RestError(404, f"there is no camera {name[:80]!r}; there are {', '.join(names)}")
 
 
 def _responses(media_type: str) -> Responses:
@@ -129,11 +192,8 @@ def _responses(media_type: str) -> Responses:
 
 def _find(services: Sequence[StereoService], name: str) -> tuple[int, StereoService]:
     """Return the pipeline number and the service of a camera, by its name or number. Raises RestError."""
-    for number, service in enumerate(services):
-        if name in (service.config.name, str(number)):
-            return number, service
-    names = ", ".join(service.config.name for service in services)
-    raise RestError(404, f"there is no camera {name[:80]!r}; there are {names}")
+    number = _number_of(name, [service.config.name for service in services])
+    return number, services[number]
 
 
 def _find_with_color(services: Sequence[StereoService], name: str) -> StereoService:
@@ -169,20 +229,27 @@ def _intrinsics(k: Intrinsics) -> dict[str, Any]:
     return {"width": k.width, "height": k.height, **{name: k.round(6).tolist() for name, k in matrices.items()}}
 
 
-async def _capture(service: StereoService, kind: SetKind, time: float | None) -> FrameImages:
-    """Return a frame of a time. Raises RestError if there is no state of it."""
-    try:
-        return await service.capture(kind, time)
-    except TimeError as error:
-        raise RestError(404, str(error)) from None
+async def _rgbd_arrays(frame: FrameImages, config: StereoConfig, *, aligned: bool) -> dict[str, Any]:
+    """Return the arrays of ``rgbd.npz``, of a frame of a camera with colour. Raises ImageError.
 
+    * ``color`` (H, W, 3) uint8 RGB; ``depth_mm`` (h, w) uint16, millimetres along the optical axis, 0: invalid.
+    * ``K_color``, ``K_depth`` (3, 3) float64: intrinsics.
+    * ``X_world_color``, ``X_world_depth`` (4, 4) float64: poses of the optical frames, metres.
+    * ``timestamp``: int64, nanoseconds since the epoch.
 
-async def _compute(work: Awaitable[Any]) -> Any:
-    """Return an awaited result. Raises RestError if a texture of the scene cannot be decoded."""
-    try:
-        return await work
-    except ImageError as error:
-        raise RestError(500, f"a texture of the scene cannot be decoded: {error}") from None
+    ``aligned``: depth as seen by the colour camera, with its size, intrinsics and pose.
+    """
+    color = await frame.color_camera_image()
+    X_world_color = frame.record.camera_capture.X_world_left @ config.X_left_color
+    return {
+        "color": color.sensor_image.image,
+        "depth_mm": await frame.depth_mm(aligned=aligned),
+        "K_color": config.color_intrinsics.matrix,
+        "K_depth": frame.depth_intrinsics(aligned=aligned).matrix,
+        "X_world_color": X_world_color,
+        "X_world_depth": X_world_color if aligned else frame.record.depth_capture.X_world_left,
+        "timestamp": np.int64(frame.record.camera_capture.timestamp),
+    }
 
 
 async def _pixels(frame: FrameImages, name: ImageName, *, aligned: bool) -> NDArray[np.uint8] | NDArray[np.uint16]:

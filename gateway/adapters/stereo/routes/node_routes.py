@@ -8,7 +8,6 @@ import msgspec
 from fastapi import APIRouter, Request
 
 from gateway.adapters.stereo.device.parameter_specs import NODE_ALIASES, NODES
-from gateway.adapters.stereo.device.parameters import ParameterError, UnknownParameterError
 from gateway.adapters.stereo.routes import device_content as device
 from gateway.adapters.stereo.routes import node_schemas as schemas
 from gateway.adapters.stereo.routes.node_schemas import (
@@ -47,11 +46,7 @@ class _CallBody(msgspec.Struct):
 
 
 def node_router(*services: StereoService) -> APIRouter:
-    """Return the routes below ``/api``: version 2 for every pipeline, version 1 for the first one.
-
-    Args:
-        services: pipeline 0, 1, …; at least one.
-    """
+    """Return the routes below ``/api``: version 2 for every pipeline, 0, 1, …; version 1 for the first one."""
     routes = new_router()
     bases = [f"/api/v2/pipelines/{number}/nodes" for number in range(len(services))]
     for base, service in zip([*bases, "/api/v1/nodes"], [*services, services[0]], strict=True):
@@ -148,11 +143,7 @@ def _add_service_routes(routes: APIRouter, base: str, service: StereoService) ->
 
 
 def _current_name(node: str) -> str:
-    """Return the name of a node in current firmware for a current or older name.
-
-    Raises:
-        RestError: unknown node.
-    """
+    """Return the name of a node in current firmware for a current or older name. Raises RestError."""
     node = NODE_ALIASES.get(node, node)
     if node not in NODES:
         raise RestError(404, f"there is no node {node[:80]!r}; there are {', '.join(NODES)}")
@@ -160,11 +151,7 @@ def _current_name(node: str) -> str:
 
 
 def _find_service(node: str, name: str) -> tuple[str, str]:
-    """Return the current name of a node and the name of its service.
-
-    Raises:
-        RestError: unknown node or service.
-    """
+    """Return the current name of a node and the name of its service. Raises RestError."""
     node = _current_name(node)
     if name not in device.SERVICES[node]:
         raise RestError(404, f"{node} has no service {name[:80]!r}")
@@ -173,19 +160,11 @@ def _find_service(node: str, name: str) -> tuple[str, str]:
 
 def _describe(service: StereoService, node: str, names: list[str]) -> list[dict[str, Any]]:
     """Return descriptions of the named parameters, or of all parameters if ``names`` is empty."""
-    try:
-        return [service.parameters.describe(node, name) for name in names or NODES[node]]
-    except UnknownParameterError as error:
-        raise RestError(404, str(error)) from None
+    return [service.parameters.describe(node, name) for name in names or NODES[node]]
 
 
 async def _set_parameters(service: StereoService, node: str, values: list[tuple[str, object]]) -> list[dict[str, Any]]:
-    try:
-        names = service.set_parameters(node, values)
-    except UnknownParameterError as error:
-        raise RestError(404, str(error)) from None
-    except ParameterError as error:
-        raise RestError(400, str(error)) from None
+    names = service.set_parameters(node, values)
     await wait_until_stored(service)
     return _describe(service, node, names)
 
@@ -198,11 +177,7 @@ async def wait_until_stored(service: StereoService) -> None:
 
 
 async def _read_assignments(request: Request) -> list[tuple[str, object]]:
-    """Return the parameter names and values in the query, followed by those in the body. Either may be empty.
-
-    Raises:
-        RestError: the body is malformed or too large.
-    """
+    """Return the parameter names and values in the query, followed by those in the body. Either may be empty."""
     body = await read_body(request, MAX_BODY)
     values: list[tuple[str, object]] = [(name, _query_value(text)) for name, text in request.query_params.multi_items()]
     if body:
@@ -212,11 +187,7 @@ async def _read_assignments(request: Request) -> list[tuple[str, object]]:
 
 
 async def _read_value(request: Request) -> object:
-    """Return the value in the body, or in the query if there is no body.
-
-    Raises:
-        RestError: the body is malformed or too large, or there is no value.
-    """
+    """Return the value in the body, or in the query if there is no body."""
     body = await read_body(request, MAX_BODY)
     if not body and "value" in request.query_params:
         return _query_value(request.query_params["value"])
@@ -225,11 +196,7 @@ async def _read_value(request: Request) -> object:
 
 
 async def _read_arguments(request: Request) -> dict[str, Any]:
-    """Return the arguments of a service call.
-
-    Raises:
-        RestError: the body is malformed or too large.
-    """
+    """Return the arguments of a service call."""
     body = await read_body(request, MAX_BODY)
     content: _CallBody = decode(_CallBody, body or b"{}", '{"args": {}}')
     return content.args or {}

@@ -3,16 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Coroutine, Mapping, Sequence
-from typing import Annotated, Any, Final
+from typing import Annotated, Any, ClassVar, Final
 
 from fastapi import APIRouter, Query, Request, Response
 from fastapi.responses import JSONResponse
-from fastapi.routing import APIRoute
 
+from gateway.adapters.stereo.device.parameters import ParameterError, UnknownParameterError
 from gateway.adapters.stereo.service import StereoService
 from gateway.runtime.http.openapi import Responses, example
-from gateway.runtime.http.plain_error_route import retry_after
-from gateway.runtime.workers.pool_errors import DeadlineExceeded, UnavailableErrors
+from gateway.runtime.http.plain_error_route import PlainErrorRoute
+from gateway.scene.tree.timeline import TimeError
 
 _ERROR_SCHEMA: Final[dict[str, Any]] = {
     "type": "object",
@@ -27,20 +27,16 @@ _ERROR_SCHEMA: Final[dict[str, Any]] = {
     },
 }
 
+
 Pipeline = Annotated[
     int, Query(ge=0, description="Number of the camera, where there are several", openapi_examples=example(0))
 ]
 
 
 class RestError(Exception):
-    """A request is refused."""
+    """A request is refused with an HTTP status and one sentence."""
 
     def __init__(self, status: int, message: str) -> None:
-        """
-        Args:
-            status: HTTP status.
-            message: one sentence.
-        """
         super().__init__(message)
         self.status = status
 
@@ -59,8 +55,15 @@ def error_responses(descriptions: Mapping[int, str]) -> Responses:
     }
 
 
-class RestRoute(APIRoute):
-    """Route that turns a handler's ``RestError`` and the worker pool's errors into error responses."""
+class RestRoute(PlainErrorRoute):
+    """Route whose expected errors become error responses in JSON."""
+
+    statuses: ClassVar[Mapping[type[Exception], int]] = {
+        TimeError: 404,
+        UnknownParameterError: 404,
+        ParameterError: 400,
+        **PlainErrorRoute.statuses,
+    }
 
     def get_route_handler(self) -> Callable[[Request], Coroutine[Any, Any, Response]]:
         """Return the function that responds to a request."""
@@ -71,11 +74,12 @@ class RestRoute(APIRoute):
                 return await respond(request)
             except RestError as error:
                 return error_response(error.status, str(error))
-            except UnavailableErrors as error:
-                sentence = f"the work was stopped: {error}" if isinstance(error, DeadlineExceeded) else str(error)
-                return error_response(503, sentence, retry_after(error))
 
         return respond_or_refuse
+
+    def error_response(self, status: int, text: str, headers: Mapping[str, str] | None) -> Response:
+        """See ``error_response``."""
+        return error_response(status, text, headers)
 
 
 def new_router(responses: Responses | None = None) -> APIRouter:
@@ -84,22 +88,14 @@ def new_router(responses: Responses | None = None) -> APIRouter:
 
 
 def find_pipeline(services: Sequence[StereoService], number: int) -> StereoService:
-    """Return the camera of a pipeline.
-
-    Raises:
-        RestError: there is no such pipeline.
-    """
+    """Return the camera of a pipeline. Raises RestError if there is none."""
     if number >= len(services):
         raise RestError(404, f"there is no pipeline {number}")
     return services[number]
 
 
 async def read_body(request: Request, limit: int) -> bytes:
-    """Return the body.
-
-    Raises:
-        RestError: the body has more than ``limit`` bytes.
-    """
+    """Return the body. Raises RestError if it has more than ``limit`` bytes."""
     body = bytearray()
     async for chunk in request.stream():
         body += chunk

@@ -41,13 +41,8 @@ _SYSTEM: Final[dict[str, Any]] = {
 
 
 def system_router(*services: StereoService) -> APIRouter:
-    """Return the routes below ``/api``. Version 1 has neither pipelines nor global nodes.
-
-    Args:
-        services: pipeline 0, 1, …; at least one.
-    """
+    """Return the routes below ``/api``. Version 1 has neither pipelines nor global nodes."""
     routes = new_router()
-
     lock = UILock()
     for version in ("v1", "v2"):
         _add_common_routes(routes, f"/api/{version}", services)

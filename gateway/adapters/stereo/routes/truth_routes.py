@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 from typing import Annotated, Any, Final
 
 import numpy as np
@@ -10,7 +11,6 @@ from fastapi.responses import Response
 
 from gateway.adapters.stereo.device.timestamps import parse_timestamp, timestamp_text
 from gateway.adapters.stereo.routes.rest_common import Pipeline, RestError, error_responses, find_pipeline, new_router
-from gateway.adapters.stereo.routes.rgbd import npz_bytes
 from gateway.adapters.stereo.service import StereoService
 from gateway.adapters.stereo.stream.frame import FrameRecord
 from gateway.runtime.http.openapi import Responses, example, file_response
@@ -56,36 +56,29 @@ def truth_router(*services: StereoService) -> APIRouter:
             nanoseconds = parse_timestamp(timestamp) if timestamp else None
         except ValueError as error:
             raise RestError(400, str(error)) from None
-        try:
-            data = await service.workers.run(ground_truth_npz, find_frame(service.history, nanoseconds))
-        except LookupError as error:
-            raise RestError(404, str(error)) from None
+        data = await service.workers.run(ground_truth_npz, find_frame(service.history, nanoseconds))
         return Response(data, media_type="application/zip", headers={"Cache-Control": "no-store"})
 
     return routes
 
 
 def find_frame(history: list[FrameRecord], nanoseconds: int | None) -> FrameRecord:
-    """Return the frame with an image of a timestamp.
+    """Return the frame with an image of a timestamp (None: the newest one), of frames with the oldest first.
 
-    Args:
-        history: frames, oldest first.
-        nanoseconds: timestamp, since the epoch; None: the newest frame.
-
-    Raises:
-        LookupError: no such frame in the history.
+    Raises RestError if there is no such frame in the history.
     """
     if not history:
-        raise LookupError("no frame was taken yet; frames are taken while a client streams")
+        raise RestError(404, "no frame was taken yet; frames are taken while a client streams")
     if nanoseconds is None:
         return history[-1]
     for record in reversed(history):
         if nanoseconds in (record.depth_capture.timestamp, record.camera_capture.timestamp):
             return record
     oldest, newest = history[0].camera_capture.timestamp, history[-1].depth_capture.timestamp
-    raise LookupError(
+    raise RestError(
+        404,
         f"no frame has the timestamp {timestamp_text(nanoseconds)}; the history has {len(history)} from "
-        f"{timestamp_text(oldest)} to {timestamp_text(newest)}"
+        f"{timestamp_text(oldest)} to {timestamp_text(newest)}",
     )
 
 
@@ -140,3 +133,10 @@ def ground_truth_npz(record: FrameRecord) -> bytes:
         "camera_timestamp": np.int64(record.camera_capture.timestamp),
     }
     return npz_bytes(arrays)
+
+
+def npz_bytes(arrays: dict[str, Any]) -> bytes:
+    """Return arrays as an npz file."""
+    file = io.BytesIO()
+    np.savez(file, allow_pickle=False, **arrays)
+    return file.getvalue()

@@ -7,7 +7,7 @@ from fastapi import FastAPI
 from fastapi.testclient import TestClient
 
 from gateway.adapters.stereo.imaging.scene_view import SceneView
-from gateway.adapters.stereo.routes.pose_routes import pose_router
+from gateway.adapters.stereo.routes.camera_routes import pose_router
 from gateway.scene.draw.flatten import Flattener
 from gateway.scene.draw.mount import Mount, parse_mount_pose
 from gateway.scene.tree.labels import LabelTable

@@ -12,6 +12,7 @@ from gateway.adapters.stereo.device.parameters import Parameters
 from gateway.adapters.stereo.device.stream_settings import read_settings
 from gateway.adapters.stereo.device.timestamps import parse_timestamp, timestamp_text
 from gateway.adapters.stereo.imaging.scene_view import Capture
+from gateway.adapters.stereo.routes.rest_common import RestError
 from gateway.adapters.stereo.routes.truth_routes import find_frame
 from gateway.adapters.stereo.stream.faults import FaultInjector, Faults
 from gateway.adapters.stereo.stream.frame import FrameRecord
@@ -48,12 +49,12 @@ def test_frames_are_found_by_both_of_their_timestamps() -> None:
     assert find_frame(history[:1], None).number == 1
     assert find_frame(history, 10**9).number == 1
     assert find_frame(history, 2 * 10**9).number == find_frame(history, 2_040_000_000).number == 2
-    with pytest.raises(LookupError) as missing:
+    with pytest.raises(RestError) as missing:
         find_frame(history, 2_050_000_000)
     assert str(missing.value) == (
         "no frame has the timestamp 2.050000000; the history has 2 from 1.000000000 to 2.040000000"
     )
-    with pytest.raises(LookupError, match="no frame was taken yet"):
+    with pytest.raises(RestError, match="no frame was taken yet"):
         find_frame([], None)
 
 
