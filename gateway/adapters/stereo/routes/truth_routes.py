@@ -56,7 +56,10 @@ def truth_router(*services: StereoService) -> APIRouter:
             nanoseconds = parse_timestamp(timestamp) if timestamp else None
         except ValueError as error:
             raise RestError(400, str(error)) from None
-        data = await service.workers.run(ground_truth_npz, find_frame(service.history, nanoseconds))
+        try:
+            data = await service.workers.run(ground_truth_npz, find_frame(service.history, nanoseconds))
+        except LookupError as error:  # of recorded images
+            raise RestError(404, str(error)) from None
         return Response(data, media_type="application/zip", headers={"Cache-Control": "no-store"})
 
     return routes
