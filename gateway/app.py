@@ -39,8 +39,7 @@ from gateway.runtime.workers.worker_pool import WorkerPool
 from gateway.scene.tree.live import LiveTree
 from gateway.wiring import metrics, telemetry
 from gateway.wiring.context import Context
-from gateway.wiring.interfaces import enabled_interfaces
-from gateway.wiring.startup import start
+from gateway.wiring.startup import enabled_interfaces, start
 from gateway.wiring.state import STATE, open_state
 from gateway.wiring.worker_processes import write_worker_reports
 from renderers.cache import SHARED

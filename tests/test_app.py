@@ -22,7 +22,7 @@ from gateway.runtime.kernels.progress import KernelProgress
 from gateway.runtime.logs import log_setup
 from gateway.runtime.service_registry import ServiceRegistry
 from gateway.runtime.settings import Settings
-from gateway.wiring import interfaces, startup
+from gateway.wiring import startup
 from gateway.wiring.context import Context
 from gateway.wiring.provided import Provided
 from renderers.compiler import pending
@@ -58,14 +58,14 @@ def _warm(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def use_interfaces(monkeypatch: pytest.MonkeyPatch, **setups: Callable[[Context], None]) -> None:
-    def awaited(setup: Callable[[Context], None]) -> interfaces.Setup:
+    def awaited(setup: Callable[[Context], None]) -> startup.Setup:
         async def set_up(context: Context, provided: Provided) -> Provided:
             setup(context)
             return provided
 
         return set_up
 
-    monkeypatch.setattr(interfaces, "INTERFACES", {name: awaited(setup) for name, setup in setups.items()})
+    monkeypatch.setattr(startup, "INTERFACES", {name: awaited(setup) for name, setup in setups.items()})
 
 
 @asynccontextmanager
@@ -130,7 +130,7 @@ async def test_a_service_that_fails_leaves_the_others_and_all_end_with_the_lifes
 
 
 async def test_render_route_has_its_own_body_limit_and_is_counted(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(interfaces, "INTERFACES", {"render": gateway.wiring.render.setup})
+    monkeypatch.setattr(startup, "INTERFACES", {"render": gateway.wiring.render.setup})
     async with running(only=("render",), max_body_mb=1) as client:
         answer = await client.post("/render", content=b"x", headers={"Content-Type": "text/plain"})
         assert (answer.status_code, "multipart/form-data" in answer.text) == (400, True)
@@ -144,7 +144,7 @@ async def test_render_route_has_its_own_body_limit_and_is_counted(monkeypatch: p
 
 
 async def test_health_has_the_warnings_of_the_last_image(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(interfaces, "INTERFACES", {"render": gateway.wiring.render.setup})
+    monkeypatch.setattr(startup, "INTERFACES", {"render": gateway.wiring.render.setup})
     async with running(only=("render",)) as client:
         for fields, warnings in (({"tint": "red"}, ["the field 'tint' is unknown and ignored"]), ({}, None)):
             data = body(gltf(), drake_fields("depth", **fields))
@@ -168,7 +168,7 @@ async def test_a_camera_at_a_missing_node_warns_before_the_first_stream(monkeypa
         contexts.append(context)
         return await gateway.wiring.stereo.setup(context, provided)
 
-    monkeypatch.setattr(interfaces, "INTERFACES", {"stereo": set_up})
+    monkeypatch.setattr(startup, "INTERFACES", {"stereo": set_up})
     async with running(grpc_port=0, stereo_path='["hand"]') as client:
         assert (await client.get("/openapi.json")).status_code == 200
         states = (await client.get("/healthz")).json()["interfaces"]
@@ -403,7 +403,7 @@ async def test_a_scene_file_of_the_settings_may_need_background_kernels(
     scene.write_text(json.dumps(gltf()))  # without normals
     name = "stereo" if "stereo_scene" in settings else "render"
     setup = getattr(gateway.wiring, name).setup
-    monkeypatch.setattr(interfaces, "INTERFACES", {name: setup})
+    monkeypatch.setattr(startup, "INTERFACES", {name: setup})
     async with asyncio.timeout(SECONDS):
         async with running(
             **{key: str(scene) if value == "FILE" else value for key, value in settings.items()}

@@ -3,7 +3,9 @@
 The scene is a pure function of time, so its images are reproducible.
 """
 
-from typing import Final
+import asyncio
+from collections.abc import Mapping
+from typing import Any, Final
 
 from gateway.demo.demo_motion import PERIOD, poses
 from gateway.demo.objects import scene_parts
@@ -15,14 +17,35 @@ __all__ = ["PERIOD", "RATE", "ROOT", "Demo", "poses", "scene_parts"]
 ROOT: Final = ("demo",)
 """Path of the demo in the live tree."""
 RATE: Final = 30.0
-"""Recommended calls of ``Demo.move_to`` per second."""
+"""Steps per second."""
 
 
 class Demo:
-    """The demo scene in a live tree."""
+    """The demo scene in a live tree. ``run`` moves it; steps are skipped when the event loop is late."""
 
     def __init__(self, tree: LiveTree) -> None:
         self._tree = tree
+        self.ready = False
+
+    def status(self) -> Mapping[str, Any]:
+        """Return no figures."""
+        return {}
+
+    async def run(self) -> None:
+        """Move the scene until cancelled, then remove it from the tree."""
+        loop = asyncio.get_running_loop()
+        self.populate()
+        self.ready = True
+        start = loop.time()
+        try:
+            while True:
+                now = loop.time() - start
+                self.move_to(now)
+                await asyncio.sleep((int(now * RATE) + 1) / RATE - now)
+        finally:
+            self.ready = False
+            with self._tree.edit() as edit:
+                edit.delete(ROOT)
 
     def populate(self) -> None:
         """Add the scene with its poses at time 0; replace an existing one."""
@@ -36,11 +59,6 @@ class Demo:
         """Move the scene to its poses at time ``t`` in seconds, in one revision that changes transforms only."""
         with self._tree.edit() as edit:
             _set_poses(edit, t)
-
-    def clear(self) -> None:
-        """Remove the scene."""
-        with self._tree.edit() as edit:
-            edit.delete(ROOT)
 
 
 def _set_poses(edit: TreeEdit, t: float) -> None:

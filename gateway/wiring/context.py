@@ -23,6 +23,7 @@ from gateway.runtime.workers import process_tuning
 from gateway.runtime.workers.worker_pool import WorkerPool
 from gateway.scene.draw.flatten import Flattener
 from gateway.scene.draw.live_scene import LiveScene
+from gateway.scene.draw.style import Style
 from gateway.scene.page.live_page import LivePage
 from gateway.scene.tree.labels import LabelTable
 from gateway.scene.tree.live import LiveTree
@@ -111,6 +112,15 @@ class Context:
             return None
         max_bytes = settings.history_mb * MIB
         return TreeHistory(self.tree, settings.history_seconds, max_bytes, asyncio.to_thread)
+
+    @cached_property
+    def style(self) -> Style:
+        """Shading of the render endpoint. The first use reads the file of ``--rig``."""
+        from gateway.files.assets.light_rig_file import rig_of
+
+        settings = self.settings
+        rig, alpha = rig_of(settings.rig), settings.alpha_threshold
+        return Style(settings.look, settings.background, samples=settings.samples, rig=rig, alpha_threshold=alpha)
 
     @cached_property
     def renderer(self) -> Renderer:

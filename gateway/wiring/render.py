@@ -8,18 +8,18 @@ from gateway.adapters.render.routes import render_router
 from gateway.adapters.render.service import RenderService
 from gateway.files.gltf import GltfLimits
 from gateway.runtime.settings import MIB, Settings
+from gateway.scene.draw.style import Style
 from gateway.scene.tree.nodes import Node
 from gateway.wiring import metrics
 from gateway.wiring.context import Context
 from gateway.wiring.provided import Provided
 from gateway.wiring.scene_setting import read_scene_setting
-from gateway.wiring.style import style_of
 
 
 async def setup(context: Context, provided: Provided) -> Provided:
     """Add the render endpoint."""
 
-    config = _config(context.settings)
+    config = _config(context.settings, context.style)
     if not context.settings.is_enabled("view"):
         config = replace(config, recent_count=0)
     service = RenderService(
@@ -35,11 +35,11 @@ async def setup(context: Context, provided: Provided) -> Provided:
     return replace(provided, recent_renders=service.recent)
 
 
-def _config(settings: Settings) -> RenderConfig:
+def _config(settings: Settings, style: Style) -> RenderConfig:
     default = GltfLimits()
     return RenderConfig(
         path=settings.render_path,
-        style=style_of(settings),
+        style=style,
         depth_format=settings.depth_format,
         max_body_bytes=settings.max_body_mb * MIB,
         max_inflight_bytes=settings.queue_mb * MIB,

@@ -7,13 +7,12 @@ from gateway.adapters.sceneapi.routes import router
 from gateway.adapters.sceneapi.service import SceneApi
 from gateway.wiring.context import Context
 from gateway.wiring.provided import Provided
-from gateway.wiring.style import style_of
 
 
 async def setup(context: Context, provided: Provided) -> Provided:
     """Add the scene's routes."""
-    settings = context.settings
-    config = SceneApiConfig(style=replace(style_of(settings), look="auto", samples=0), max_pixels=settings.max_pixels)
+    style = replace(context.style, look="auto", samples=0)
+    config = SceneApiConfig(style=style, max_pixels=context.settings.max_pixels)
     service = SceneApi(context.live_scene(provided), context.renderer, context.workers, config)
     context.app.include_router(router(service))
     context.registry.ready("scene", where="/scene", figures=service.status)

@@ -2,6 +2,9 @@
 
 import asyncio
 import time
+from collections.abc import Awaitable, Callable, Mapping
+from functools import partial
+from importlib import import_module
 from typing import Final
 
 import structlog
@@ -9,8 +12,8 @@ import structlog
 from gateway import __version__
 from gateway.runtime.kernels.loading import KERNELS
 from gateway.runtime.service_registry import InterfaceState
+from gateway.runtime.settings import Settings
 from gateway.wiring.context import Context
-from gateway.wiring.interfaces import enabled_interfaces
 from gateway.wiring.provided import Provided
 from gateway.wiring.state import STATE, restore_state
 
@@ -18,6 +21,36 @@ _log = structlog.get_logger("gateway")
 
 SETTLE_SECONDS: Final = 5.0
 """Maximum wait for the services before the start is logged."""
+
+Setup = Callable[[Context, Provided], Awaitable[Provided]]
+"""Starts an interface. Gets and returns what the interfaces that have started provide."""
+
+
+async def _setup(module: str, context: Context, provided: Provided) -> Provided:
+    """Import a wiring module, and call its ``setup``.
+
+    Its imports load compiled kernels, which must be in the cache by then. An import that fails (a system library is
+    missing) stops this interface only.
+    """
+    setup: Setup = import_module(f"gateway.wiring.{module}").setup
+    return await setup(context, provided)
+
+
+_NAMES: Final = ("render", "drakeviewer", "treeviewer", "stereo", "scene", "view", "foxglove", "demo")
+INTERFACES: Final[Mapping[str, Setup]] = {
+    name: partial(_setup, "sceneapi" if name == "scene" else name) for name in _NAMES
+}
+"""The interfaces by name, in order of start: each after those whose part of ``Provided`` it uses."""
+
+
+def enabled_interfaces(settings: Settings) -> dict[str, Setup]:
+    """Return the interfaces that the settings enable (``--only``, ``--demo``, ``--drake-viewer``, …)."""
+    enabled = {
+        "demo": settings.demo,
+        "drakeviewer": settings.drake_viewer and settings.is_enabled("treeviewer"),
+        "foxglove": settings.foxglove_port is not None,
+    }
+    return {name: setup for name, setup in INTERFACES.items() if enabled.get(name, settings.is_enabled(name))}
 
 
 async def start(context: Context) -> None:

@@ -21,7 +21,8 @@ from gateway.adapters.stereo.routes.system_routes import system_router
 from gateway.adapters.stereo.routes.truth_routes import truth_router
 from gateway.adapters.stereo.service import StereoService
 from gateway.adapters.stereo.stream.set_kind import SetKind
-from gateway.adapters.viewer.sources import ImageName, StereoImages, StereoRig
+from gateway.adapters.viewer.messages import ImageName, PlacedRig
+from gateway.adapters.viewer.sources import StereoImages
 from gateway.files.assets.light_rig_file import rig_of
 from gateway.runtime.http.error_handlers import invalid_parameters
 from gateway.runtime.http.http_server import PortService
@@ -220,14 +221,15 @@ class StereoSensor:
         self._view = view
         self._live = live
 
-    def rig(self, snapshot: Snapshot) -> StereoRig | None:
+    def rig(self, snapshot: Snapshot) -> PlacedRig | None:
         """Return pose and intrinsics in a snapshot of the live tree; None if the camera sees another scene."""
         if not self._live:
             return None
         model = self._service.config.model
         k = model.intrinsics()
-        pose = self._view.pose_in(snapshot)
-        return StereoRig(pose, k.width, k.height, k.focal_length, k.focal_length, k.cx, k.cy, model.baseline)
+        pose = self._view.pose_in(snapshot).T.ravel().tolist()
+        intrinsics = {"fx": k.focal_length, "fy": k.focal_length, "cx": k.cx, "cy": k.cy}
+        return PlacedRig(pose=pose, width=k.width, height=k.height, baseline=model.baseline, **intrinsics)
 
     async def capture(self) -> StereoImages:
         """Capture and return a set of images with the current parameters. Raises QueueFull or ImageError."""

@@ -15,12 +15,11 @@ from gateway.replay.share_routes import share_router
 from gateway.wiring import metrics
 from gateway.wiring.context import Context
 from gateway.wiring.provided import Provided
-from gateway.wiring.style import style_of
 
 
 async def setup(context: Context, provided: Provided) -> Provided:
     """Add ``/view`` to the application."""
-    config = ViewerConfig(style=replace(style_of(context.settings), look="auto", samples=0))
+    config = ViewerConfig(style=replace(context.style, look="auto", samples=0))
     await asyncio.to_thread(encode_light, config.style.rig)  # kept for the pages: an environment map takes seconds
     stereo = provided.stereo.sensor if provided.stereo is not None else None
     hub = ViewHub(

@@ -4,7 +4,7 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from gateway.scene.draw.bounds import Bounds, union
+from gateway.scene.draw.bounds import Bounds, instance_bounds, union
 from gateway.scene.tree.labels import LabelTable
 from gateway.scene.tree.live import Snapshot
 from gateway.scene.tree.names import json_element
@@ -46,13 +46,12 @@ class Listing(msgspec.Struct):
     """Bounds of the whole scene, as ``ListedNode.bounds``."""
 
 
-def list_scene(
-    snapshot: Snapshot, draw_list: DrawList, instance_boxes: list[Bounds | None], labels: LabelTable, max_nodes: int
-) -> bytes:
+def list_scene(snapshot: Snapshot, draw_list: DrawList, labels: LabelTable, max_nodes: int) -> bytes:
     """Return the JSON of a snapshot, with at most ``max_nodes`` nodes, at least 1.
 
-    The draw list is the snapshot's, with labels from ``labels``; the boxes are the world bounds of its instances.
+    The draw list is the snapshot's, with labels from ``labels``.
     """
+    instance_boxes = instance_bounds(draw_list.instances)
     index_by_path: dict[Path, int] = {}
     nodes: list[ListedNode] = []
     parents: list[int] = []

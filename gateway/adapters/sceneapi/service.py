@@ -12,7 +12,6 @@ from gateway.adapters.sceneapi.listing import list_scene
 from gateway.adapters.sceneapi.query import FileQuery, ImageQuery
 from gateway.files.gltf.export import export_glb
 from gateway.runtime.workers.worker_pool import WorkerPool
-from gateway.scene.draw.bounds import BoundsCache
 from gateway.scene.draw.live_scene import LiveScene
 from gateway.scene.draw.shown import with_visibility
 from gateway.scene.draw.viewpoints import resolve_camera
@@ -49,7 +48,6 @@ class SceneApi:
         self._renderer = renderer
         self._process_id = uuid.uuid4().hex[:12]
         self._listing_lock = threading.Lock()
-        self._bounds = BoundsCache()
         self._listing: SceneResponse | None = None
         self._count_lock = threading.Lock()
         self._image_count = 0
@@ -70,17 +68,16 @@ class SceneApi:
     def listing(self, snapshot: Snapshot | None = None) -> SceneResponse:
         """Return the response of ``GET /scene``; that of the newest snapshot is computed once per revision."""
         if snapshot is not None and snapshot is not self.scene.tree.snapshot:
-            return self._list(snapshot, BoundsCache())
+            return self._list(snapshot)
         with self._listing_lock:
             snapshot = self.scene.tree.snapshot
             if self._listing is None or self._listing.revision != snapshot.revision:
-                self._listing = self._list(snapshot, self._bounds)
+                self._listing = self._list(snapshot)
             return self._listing
 
-    def _list(self, snapshot: Snapshot, bounds: BoundsCache) -> SceneResponse:
+    def _list(self, snapshot: Snapshot) -> SceneResponse:
         draw_list = self.scene.draw_list(snapshot)
-        labels = self.scene.flattener.labels
-        body = list_scene(snapshot, draw_list, bounds.bounds_of(draw_list), labels, self.config.max_nodes)
+        body = list_scene(snapshot, draw_list, self.scene.flattener.labels, self.config.max_nodes)
         return SceneResponse(body, "application/json", snapshot.revision)
 
     def file(self, query: FileQuery | None = None, snapshot: Snapshot | None = None) -> SceneResponse:

@@ -21,7 +21,6 @@ from gateway.adapters.viewer import messages
 from gateway.adapters.viewer.frames import FrameBuilder, encode
 from gateway.adapters.viewer.geometry_messages import part_message
 from gateway.adapters.viewer.resources import Resources
-from gateway.adapters.viewer.sources import StereoRig
 from gateway.scene.page.live_page import LivePage
 from gateway.scene.tree.live import Snapshot
 from gateway.scene.tree.nodes import Change, Node, Path, changes
@@ -209,12 +208,6 @@ def encode_page(page: LivePage) -> bytes:
     return encode(messages.PageSettings(background=view.background, grid=view.grid, home=home, clickable=clickable))
 
 
-def encode_stereo_rig(rig: StereoRig | None) -> bytes:
-    """Return the frame with the stereo camera's pose and intrinsics.
-
-    The pose is null if there is no camera, or the pose is not finite.
-    """
-    if rig is None or not np.isfinite(rig.pose).all():
-        return encode(messages.NoRig(pose=None))
-    intrinsics = {name: getattr(rig, name) for name in ("width", "height", "fx", "fy", "cx", "cy", "baseline")}
-    return encode(messages.PlacedRig(pose=rig.pose.T.ravel().tolist(), **intrinsics))
+def encode_stereo_rig(rig: messages.PlacedRig | None) -> bytes:
+    """Return the frame with the stereo camera; its pose is null if there is no camera, or the pose is not finite."""
+    return encode(rig if rig is not None and np.isfinite(rig.pose).all() else messages.NoRig(pose=None))

@@ -13,11 +13,10 @@ from fastapi import APIRouter, Path, Query, Request, Response
 from fastapi.responses import PlainTextResponse, StreamingResponse
 
 from gateway.adapters.viewer.config import ViewerConfig
-from gateway.adapters.viewer.messages import StereoCapture
+from gateway.adapters.viewer.messages import IMAGE_NAMES, StereoCapture
 from gateway.adapters.viewer.recent_renders import encode_preview, render_entries
 from gateway.adapters.viewer.scene_images import BOUNDARY, ImageRequest, SceneImages, StreamsFull
 from gateway.adapters.viewer.sensor_images import SensorImages
-from gateway.adapters.viewer.sources import IMAGE_NAMES
 from gateway.runtime.http.disconnect import while_connected
 from gateway.runtime.http.openapi import error_responses, example, file_response
 from gateway.runtime.http.plain_error_route import PlainErrorRoute

@@ -4,11 +4,10 @@ A message of the gateway is the JSON header of a frame (``frames``); ``kind`` is
 left out. To add a message: a class here, its name in ``MESSAGES``, and its handler in ``web/src/main.ts``.
 """
 
-from typing import Annotated, Any, Final, Literal, TypeAlias
+from typing import Annotated, Any, Final, Literal, TypeAlias, get_args
 
 from msgspec import UNSET, Meta, Struct, UnsetType, field
 
-from gateway.adapters.viewer.sources import ImageName
 from gateway.scene.tree.nodes import Path, PathElement
 from scenegate.messages.clicks import Button
 from scenegate.messages.controls import Value
@@ -20,6 +19,9 @@ Bytes = Annotated[Span, Meta(extra_json_schema={"typescript": "Uint8Array<ArrayB
 Words = Annotated[Span, Meta(extra_json_schema={"typescript": "Uint32Array"})]
 Floats = Annotated[Span, Meta(extra_json_schema={"typescript": "Float32Array"})]
 Doubles = Annotated[Span, Meta(extra_json_schema={"typescript": "Float64Array"})]
+
+ImageName = Literal["left", "right", "disparity", "confidence"]
+IMAGE_NAMES: Final[tuple[ImageName, ...]] = get_args(ImageName)
 
 
 class Fields(Struct, omit_defaults=True, rename="camel", kw_only=True):
@@ -183,10 +185,10 @@ class Status(ViewMessage, tag="status"):
 
 
 class PlacedRig(ViewMessage, tag="rig"):
-    """The stereo camera in the scene."""
+    """The stereo camera in the scene; its images' size, focal lengths and principal point in pixels."""
 
     pose: list[float]
-    """Column-major pose of the left camera's optical frame."""
+    """Column-major X_world_left: pose of the left camera's optical frame."""
     width: int
     height: int
     fx: float
@@ -194,6 +196,7 @@ class PlacedRig(ViewMessage, tag="rig"):
     cx: float
     cy: float
     baseline: float
+    """Distance from the left to the right camera in metres, along +X of the left camera."""
 
 
 class NoRig(ViewMessage, tag="rig"):

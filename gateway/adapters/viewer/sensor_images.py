@@ -10,7 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gateway.adapters.viewer.colormaps import confidence_to_rgb, disparity_to_rgb, gray_to_rgb, shrink_to_width
-from gateway.adapters.viewer.sources import ImageName, StereoImages
+from gateway.adapters.viewer.messages import ImageName
+from gateway.adapters.viewer.sources import StereoImages
 from gateway.runtime.workers.shared_results import SharedResults
 from renderers.encode import jpeg_rgb
 

@@ -3,15 +3,15 @@
 from collections.abc import Callable
 
 from gateway.adapters.viewer.encoder import EMPTY_SNAPSHOT, Encoder, encode_stereo_rig
+from gateway.adapters.viewer.messages import PlacedRig
 from gateway.adapters.viewer.resources import Resources
-from gateway.adapters.viewer.sources import StereoRig
 from gateway.scene.tree.live import Snapshot
 
 
 class SnapshotFrames:
     """Encodes what changes from one snapshot to the next. Not thread-safe."""
 
-    def __init__(self, rig: Callable[[Snapshot], StereoRig | None] = lambda snapshot: None) -> None:
+    def __init__(self, rig: Callable[[Snapshot], PlacedRig | None] = lambda snapshot: None) -> None:
         """``rig`` returns the stereo camera in a snapshot."""
         self._rig = rig
         self._rig_frame = b""

@@ -5,31 +5,13 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Final, Literal, Protocol, get_args
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
+from gateway.adapters.viewer.messages import ImageName, PlacedRig
 from gateway.scene.tree.live import Snapshot
-
-ImageName = Literal["left", "right", "disparity", "confidence"]
-IMAGE_NAMES: Final[tuple[ImageName, ...]] = get_args(ImageName)
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class StereoRig:
-    """Pose of the stereo camera in the live scene; size, focal lengths and principal point of its images in pixels."""
-
-    pose: NDArray[np.float64]
-    """X_world_left, (4, 4): from the left camera's optical frame to the world."""
-    width: int
-    height: int
-    fx: float
-    fy: float
-    cx: float
-    cy: float
-    baseline: float
-    """Distance from the left to the right camera in metres, along +X of the left camera."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -53,7 +35,7 @@ class StereoImages:
 class StereoSource(Protocol):
     """The stereo camera, as the browser view uses it."""
 
-    def rig(self, snapshot: Snapshot) -> StereoRig | None:
+    def rig(self, snapshot: Snapshot) -> PlacedRig | None:
         """Return the pose and intrinsics in a snapshot of the live scene, or None if the camera shows another scene.
 
         Called for every update, so it must be fast.

@@ -153,22 +153,6 @@ def union(boxes: Sequence[Bounds] | NDArray[np.float64]) -> Bounds | None:
     return np.array((stacked[:, 0].min(axis=0), stacked[:, 1].max(axis=0)))
 
 
-class BoundsCache:
-    """Computes boxes of the instances of a changing scene, whose draw lists share most instances. Not thread-safe."""
-
-    def __init__(self) -> None:
-        self._box_by_id: dict[int, tuple[Instance, Bounds | None]] = {}
-        """Instances of the last draw list and their boxes, by ``id()``. Keeping the instance keeps its id unique."""
-
-    def bounds_of(self, draw_list: DrawList) -> list[Bounds | None]:
-        """Return the box of each instance in the world; None for an instance that draws nothing."""
-        new_instances = [instance for instance in draw_list.instances if id(instance) not in self._box_by_id]
-        for instance, box in zip(new_instances, instance_bounds(new_instances), strict=True):
-            self._box_by_id[id(instance)] = instance, box
-        self._box_by_id = {id(instance): self._box_by_id[id(instance)] for instance in draw_list.instances}
-        return [self._box_by_id[id(instance)][1] for instance in draw_list.instances]
-
-
 def loose_bounds(draw_list: DrawList) -> Bounds | None:
     """Return a box that contains all instances, in a hundredth of the time of ``instance_bounds``.
 

@@ -13,8 +13,8 @@ from hypothesis import strategies as st
 from gateway.adapters.viewer import encoder as encoder_module
 from gateway.adapters.viewer.encoder import EMPTY_SNAPSHOT, Encoder, encode_stereo_rig
 from gateway.adapters.viewer.geometry_messages import part_message
+from gateway.adapters.viewer.messages import PlacedRig
 from gateway.adapters.viewer.resources import Resources, channel_values, colors_to_uint8, encode_mesh, sample_order
-from gateway.adapters.viewer.sources import StereoRig
 from gateway.scene.tree.geometry import Part, PointCloud, Surface
 from gateway.scene.tree.live import LiveTree, Snapshot
 from gateway.scene.tree.nodes import Node, TreeEdit
@@ -350,11 +350,18 @@ def test_alpha_mask_emission_and_texture_transform_are_encoded() -> None:
 def test_stereo_rig_pose_is_column_major_or_null() -> None:
     pose = np.eye(4)
     pose[:3, 3] = 1, 2, 3
-    header, _ = parse_frame(encode_stereo_rig(StereoRig(pose, 640, 480, 500.0, 500.0, 320.0, 240.0, 0.16)))
+
+    def encoded() -> dict[str, Any]:
+        rig = PlacedRig(
+            pose=pose.T.ravel().tolist(), width=640, height=480, fx=500.0, fy=500.0, cx=320.0, cy=240.0, baseline=0.16
+        )
+        return parse_frame(encode_stereo_rig(rig))[0]
+
+    header = encoded()
     assert header["pose"][12:15] == [1.0, 2.0, 3.0]
     assert header["baseline"] == pytest.approx(0.16)
     pose[0, 0] = np.nan
-    assert parse_frame(encode_stereo_rig(StereoRig(pose, 1, 1, 1.0, 1.0, 0.0, 0.0, 0.1)))[0]["pose"] is None
+    assert encoded()["pose"] is None
     assert parse_frame(encode_stereo_rig(None))[0]["pose"] is None
 
 

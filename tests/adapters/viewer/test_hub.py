@@ -13,8 +13,8 @@ import pytest
 from gateway.adapters.viewer.browser import Browser, BrowserState
 from gateway.adapters.viewer.config import ViewerConfig
 from gateway.adapters.viewer.hub import ViewHub
-from gateway.adapters.viewer.messages import Fact, Status
-from gateway.adapters.viewer.sources import StereoImages, StereoRig
+from gateway.adapters.viewer.messages import Fact, PlacedRig, Status
+from gateway.adapters.viewer.sources import StereoImages
 from gateway.runtime.logs.render_record import RenderRecord
 from gateway.scene.draw.cameras import LookAtCamera
 from gateway.scene.page.clicks import ClickSubscriptions
@@ -70,10 +70,11 @@ class Client:
 class StereoOnBox:
     """A stereo camera at the pose of the node ``box``."""
 
-    def rig(self, snapshot: Snapshot) -> StereoRig | None:
+    def rig(self, snapshot: Snapshot) -> PlacedRig | None:
         box = snapshot.root.find(("box",))
         assert box is not None
-        return StereoRig(box.matrix, 4, 3, 2.0, 2.0, 2.0, 1.5, 0.1)
+        pose = box.matrix.T.ravel().tolist()
+        return PlacedRig(pose=pose, width=4, height=3, fx=2.0, fy=2.0, cx=2.0, cy=1.5, baseline=0.1)
 
     async def capture(self) -> StereoImages:
         raise NotImplementedError

@@ -11,8 +11,7 @@ import pytest
 
 from gateway.adapters.viewer.browser import Browser
 from gateway.adapters.viewer.hub import ViewHub
-from gateway.adapters.viewer.messages import TimeCommand
-from gateway.adapters.viewer.sources import StereoRig
+from gateway.adapters.viewer.messages import PlacedRig, TimeCommand
 from gateway.replay.history import TreeHistory
 from gateway.scene.tree.geometry import Part
 from gateway.scene.tree.live import LiveTree, Snapshot
@@ -99,7 +98,7 @@ class Log(Timeline):
 class Stereo(StereoOnBox):
     """A stereo camera on the box, if there is one."""
 
-    def rig(self, snapshot: Snapshot) -> StereoRig | None:
+    def rig(self, snapshot: Snapshot) -> PlacedRig | None:
         return super().rig(snapshot) if snapshot.root.find(("box",)) is not None else None
 
 

@@ -9,7 +9,7 @@ import pytest
 
 from gateway.runtime.http import interface_names
 from gateway.runtime.http.interface_names import NAMES, documentation_of, documentation_url, title_of
-from gateway.wiring.interfaces import INTERFACES
+from gateway.wiring.startup import INTERFACES
 
 DOCS = Path(__file__).parents[3] / "docs"
 

@@ -80,24 +80,6 @@ def test_meshes_are_exact_up_to_the_limit() -> None:
     np.testing.assert_allclose(transformed(mesh, X), brute(mesh, X), atol=1e-9)
 
 
-def test_unchanged_instances_are_not_measured_again(monkeypatch: pytest.MonkeyPatch) -> None:
-    first = Instance(primitives.box(), MATERIAL, np.eye(4))
-    cache = bd.BoundsCache()
-    cache.bounds_of(DrawList((first,)))
-    measured: list[Instance] = []
-    real = bd.instance_bounds
-
-    def counted(instances: list[Instance]) -> object:
-        measured.extend(instances)
-        return real(instances)
-
-    monkeypatch.setattr(bd, "instance_bounds", counted)
-    moved = Instance(primitives.box(), MATERIAL, tf.translation(1, 0, 0))
-    boxes = cache.bounds_of(DrawList((first, moved)))
-    assert measured == [moved]
-    np.testing.assert_array_equal(boxes[1], [(0.5, -0.5, -0.5), (1.5, 0.5, 0.5)])
-
-
 @given(st.lists(st.tuples(affine, st.sampled_from([primitives.box(), primitives.sphere()])), min_size=1, max_size=8))
 def test_instance_bounds_and_loose_bounds(placed: Any) -> None:
     instances = tuple(Instance(mesh, MATERIAL, X) for X, mesh in placed)
