@@ -34,7 +34,7 @@ def warmup() -> None:
 
 
 def doctor() -> None:
-    """Find what does not work, what that means and what to do: libraries, ports, multicast, limits, kernel cache."""
+    """Find what does not work, what that means and what to do: libraries, ports, multicast, kernel cache."""
     from gateway.cli.doctor import print_findings
 
     if not print_findings():

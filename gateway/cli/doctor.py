@@ -49,7 +49,6 @@ def _settings_and_machine() -> Iterator[Finding]:
     from gateway.runtime.diagnostics import findings
     from gateway.runtime.settings import Settings, SettingsError, load, unknown_environment
     from gateway.runtime.settings.option import flag_of
-    from gateway.runtime.workers.scheduling import usable_cpus
 
     for sentence in unknown_environment():
         yield Finding("environment", Verdict.NOTE, sentence, "It changes nothing.", "correct the name, or unset it")
@@ -63,7 +62,7 @@ def _settings_and_machine() -> Iterator[Finding]:
         for name, label in SERVER_OF_SETTING.items()
         if (port := getattr(settings, name)) is not None
     }
-    yield from findings(settings.host, ports, settings.threads or usable_cpus())
+    yield from findings(settings.host, ports)
 
 
 def _print_table(found: Iterable[Finding]) -> None:

@@ -1,8 +1,7 @@
-"""Checks of this machine for ``scenegate doctor``: limits, kernels, ports, multicast."""
+"""Checks of this machine for ``scenegate doctor``: address space, kernels, ports, multicast."""
 
 from __future__ import annotations
 
-import ctypes
 import errno
 import platform
 import resource
@@ -15,53 +14,25 @@ from gateway.runtime.kernels import cache, parts
 from gateway.runtime.workers import process_tuning
 from renderers.compiler import cache_folder
 from scenegate.lcm import udpm_socket
-from scenegate.lcm.transport import TransportLimits
 
 _LCM_ADDRESS = ("239.255.76.67", 7667)
 """LCM's default multicast group."""
-_SUFFICIENT_FILES = 4096
-"""File descriptors that suffice for most uses: one per connection."""
 _SUFFICIENT_ADDRESSES = 4 << 30
 """Bytes of address space that suffice for most uses."""
 
 
-def findings(host: str, ports: Mapping[str, tuple[str, int]], threads: int) -> Iterator[Finding]:
+def findings(host: str, ports: Mapping[str, tuple[str, int]]) -> Iterator[Finding]:
     """Run all checks of the machine: of the host on which interfaces would listen, and of their ports.
 
-    ``ports``: interface and TCP port by the flag that chooses the port; 0 is any. ``threads``: those that render.
+    ``ports``: interface and TCP port by the flag that chooses the port; 0 is any.
     """
     yield Finding("Python", Verdict.OK, f"{platform.python_version()} on {platform.platform()}")
-    yield _check_glib()
-    yield Finding("threads", Verdict.OK, f"{threads} threads render")
-    yield _check_open_files()
     yield _check_address_space()
     yield _check_kernels()
     instances: list[RunningInstance] = []
     for flag, (name, port) in ports.items():
         yield _check_port(name, host, port, flag, instances)
     yield _check_multicast()
-    yield _check_receive_buffer()
-
-
-def _check_glib() -> Finding:
-    try:
-        ctypes.CDLL("libglib-2.0.so.0")
-    except OSError:
-        meaning = "LCM's own library does not work, which mpudpm://, memq:// and file:// need."
-        return Finding("glib", Verdict.NOTE, "missing", meaning, "apt install libglib2.0-0")
-    return Finding("glib", Verdict.OK, "libglib-2.0.so.0")
-
-
-def _check_open_files() -> Finding:
-    soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
-    is_unlimited = hard == resource.RLIM_INFINITY
-    detail = f"{soft} now, up to {'any number' if is_unlimited else hard}"
-    if is_unlimited or hard >= _SUFFICIENT_FILES:
-        return Finding("open files", Verdict.OK, detail)
-    meaning = f"Beyond about {hard} connections, clients cannot connect."
-    return Finding(
-        "open files", Verdict.NOTE, detail, meaning, f"ulimit -Hn {_SUFFICIENT_FILES}, or systemd's LimitNOFILE"
-    )
 
 
 def _check_address_space() -> Finding:
@@ -122,14 +93,3 @@ def _check_multicast() -> Finding:
                 "multicast", Verdict.NOTE, f"no route, {error.strerror}", meaning, udpm_socket.ROUTE_COMMANDS
             )
         return Finding("multicast", Verdict.OK, f"leaves by {sock.getsockname()[0]}")
-
-
-def _check_receive_buffer() -> Finding:
-    wanted = TransportLimits().receive_buffer_bytes
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sock:
-        granted = udpm_socket.raise_receive_buffer(sock, wanted)
-    detail = f"up to {granted} bytes"
-    if granted >= wanted:
-        return Finding("receive buffer", Verdict.OK, detail)
-    meaning = "Large LCM messages over UDP get lost; TCPQ loses none."
-    return Finding("receive buffer", Verdict.NOTE, detail, meaning, f"sudo sysctl -w net.core.rmem_max={wanted}")

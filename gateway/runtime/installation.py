@@ -9,13 +9,10 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from enum import Enum
 from importlib.metadata import PackageNotFoundError, version
-from pathlib import Path
 from typing import Final
 
 import gateway
 
-OWN_PACKAGES: Final = ("gateway", "renderers")
-"""Packages of this distribution; other programs may use the same names."""
 _PIP_SECONDS: Final = 60.0
 """Timeout of ``pip check``, which takes a second."""
 _NOT_STARTED: Final = "Scenegate does not start, or some of its interfaces fail."
@@ -44,19 +41,8 @@ class Finding:
 
 
 def installation_findings() -> Iterator[Finding]:
-    """Check the libraries with ``pip check``, and the working directory for packages with our names."""
+    """Check the libraries with ``pip check``: what it says of our distributions."""
     yield Finding("scenegate", Verdict.OK, gateway.__version__)
-    yield from _libraries()
-    home = Path(gateway.__file__).resolve().parents[1]
-    for name in OWN_PACKAGES:
-        for path in (Path.cwd() / f"{name}.py", Path.cwd() / name):
-            if path.exists() and path.resolve() not in (home / name, home / f"{name}.py"):
-                meaning = "Python programs that run in this folder import it instead of Scenegate's."
-                yield Finding(name, Verdict.NOTE, f"{path} has the name of our package", meaning, "rename it")
-
-
-def _libraries() -> Iterator[Finding]:
-    """Yield what ``pip check`` says of our distributions."""
     try:
         version("pip")
     except PackageNotFoundError:

@@ -2,7 +2,6 @@
 
 import subprocess
 from importlib.metadata import PackageNotFoundError
-from pathlib import Path
 from typing import Any
 
 import pytest
@@ -45,14 +44,3 @@ def test_an_environment_without_pip_is_a_note(monkeypatch: pytest.MonkeyPatch) -
     monkeypatch.setattr(installation, "version", no_pip)
     (row,) = [each for each in installation_findings() if each.subject == "libraries"]
     assert row.verdict is Verdict.NOTE
-
-
-@pytest.mark.parametrize("name", ["gateway.py", "renderers/__init__.py"])
-def test_a_package_of_our_name_in_the_working_directory_is_a_note(
-    name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    (tmp_path / name).parent.mkdir(exist_ok=True)
-    (tmp_path / name).touch()
-    monkeypatch.chdir(tmp_path)
-    rows = [each for each in installation_findings() if each.subject in installation.OWN_PACKAGES]
-    assert [(row.subject, row.verdict) for row in rows] == [(Path(name).parts[0].removesuffix(".py"), Verdict.NOTE)]
