@@ -20,7 +20,7 @@ from starlette.middleware.body_limit import RequestBodyLimitMiddleware
 from starlette.types import ASGIApp, Receive, Scope, Send
 
 from gateway import __version__
-from gateway.adapters.viewer.sources import IMAGE_NAMES
+from gateway.adapters.viewer.messages import IMAGE_NAMES
 from gateway.runtime import settings as settings_module
 from gateway.runtime.http import error_handlers, health, openapi
 from gateway.runtime.http.interface_names import NAMES, documentation_of, documentation_url

@@ -6,8 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
-from gateway.replay.clock import LogClock
-from gateway.replay.log_replay import is_shown
+from gateway.replay.log_replay import LogClock, is_shown
 from scenegate.lcm.event_log import EventLogError, read_events
 from scenegate.regular_files import open_regular
 

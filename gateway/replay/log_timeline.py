@@ -12,10 +12,10 @@ from pathlib import Path
 from typing import Final, TypeVar
 
 from gateway.files.assets.mesh_files import MeshFiles
-from gateway.replay.checkpoints import Checkpoints
-from gateway.replay.log_replay import IncompleteMessages, LogReplay, cost_of
+from gateway.replay.log_replay import IncompleteMessages, LogReplay, ReplayState, cost_of
 from gateway.replay.log_scan import LogSummary, scan_log
 from gateway.scene.tree.live import Snapshot
+from gateway.scene.tree.nodes import CHILD_BYTES, NODE_BYTES, Node
 from gateway.scene.tree.timeline import Timeline
 from scenegate.closing import Closing
 
@@ -27,6 +27,14 @@ MAX_REPLAYS: Final = 3
 """Number of positions at which replays wait to go on. Each keeps a state of the tree in memory."""
 MIN_LABEL_INTERVAL_NS: Final = 10_000_000
 """Minimum time between two entries of the table of simulation times."""
+MAX_BYTES: Final = 512 << 20
+"""Default limit of the memory that checkpoints need besides the newest state."""
+MAX_COUNT: Final = 4096
+"""Limit of the number of checkpoints."""
+MIN_INTERVAL: Final = 500.0
+"""Default cost of the events between two checkpoints (``cost_of``): a seek replays them in about 50 ms."""
+LINK_BYTES: Final = 100
+"""Memory of the state of one of Drake's links, frames or bodies."""
 
 
 def open_log(
@@ -182,3 +190,60 @@ class LogTimeline(Closing, Timeline):
             self._replays.pop(0).close()
         replay.advance(time_ns)
         return replay.snapshot
+
+
+class Checkpoints:
+    """States of a replay in the order of the log, from which others can begin: no seek replays more than a part of it.
+
+    If they need too much memory, every second one is dropped.
+    """
+
+    def __init__(self, max_bytes: int = MAX_BYTES, max_count: int = MAX_COUNT, interval: float = MIN_INTERVAL) -> None:
+        self._max_bytes, self._max_count = max_bytes, max_count
+        self._states = [ReplayState()]
+        self._bytes = [0]
+        """Bytes that each checkpoint needs besides the one before."""
+        self.interval = interval
+        """Cost of the events between two checkpoints."""
+
+    def __len__(self) -> int:
+        return len(self._states)
+
+    @property
+    def nbytes(self) -> int:
+        """Estimate of the memory of all checkpoints."""
+        return sum(self._bytes)
+
+    def add(self, state: ReplayState) -> None:
+        """Append a checkpoint."""
+        self._bytes.append(bytes_besides(state, self._states[-1]))
+        self._states.append(state)
+        while len(self._states) > 1 and (self.nbytes > self._max_bytes or len(self._states) > self._max_count):
+            self._states = self._states[::2]
+            pairs = zip(self._states[1:], self._states, strict=False)
+            self._bytes = [0, *(bytes_besides(state, earlier) for state, earlier in pairs)]
+            self.interval *= 2.0
+
+    def before(self, time_ns: int) -> ReplayState:
+        """Return the last checkpoint with no event after a time, nanoseconds since the epoch."""
+        return self._states[max(0, bisect_right(self._states, time_ns, key=lambda each: each.clock.time_ns) - 1)]
+
+
+def bytes_besides(state: ReplayState, earlier: ReplayState) -> int:
+    """Return an estimate of the memory that a state needs besides an earlier one."""
+    size = LINK_BYTES * sum(state.drake.node_counts.values())
+    for channel, load in state.drake.loads.items():
+        earlier_load = earlier.drake.loads.get(channel)
+        if earlier_load is None or earlier_load.data is not load.data:
+            size += len(load.data)
+    stack: list[tuple[Node, Node | None]] = [(state.snapshot.root, earlier.snapshot.root)]
+    while stack:
+        node, before = stack.pop()
+        if node is before:
+            continue
+        size += NODE_BYTES + CHILD_BYTES * len(node.children)
+        if before is None or node.parts is not before.parts:
+            size += sum(NODE_BYTES + part.array_bytes for part in node.parts or ())
+        children = before.children if before is not None else {}
+        stack += [(child, children.get(name)) for name, child in node.children.items()]
+    return size

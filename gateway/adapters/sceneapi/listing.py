@@ -7,8 +7,7 @@ from numpy.typing import NDArray
 from gateway.scene.draw.bounds import Bounds, instance_bounds, union
 from gateway.scene.tree.labels import LabelTable
 from gateway.scene.tree.live import Snapshot
-from gateway.scene.tree.names import json_element
-from gateway.scene.tree.nodes import Node, Path
+from gateway.scene.tree.nodes import Node, Path, json_element
 from renderers.drawlist import LABEL_NONE, DrawList
 
 

@@ -24,6 +24,8 @@ MAX_COUNTED_NODES: Final = 100
 """Maximum number of nodes of a removed subtree whose arrays are counted."""
 UNKNOWN_BYTES: Final = 1 << 40
 """``TreeEdit.replaced_bytes`` of a larger subtree."""
+_MAX_INT: Final = (1 << 63) - 1
+"""Maximum absolute value of an integer that is written as a number."""
 
 PathElement = str | int
 """Name of a node below its parent. "a/b" is one name; 1 and "1" are different names."""
@@ -360,3 +362,12 @@ def _reordered_names(before: Mapping[PathElement, Node], after: Mapping[PathElem
     while new_order[first_change] == old_order[first_change]:
         first_change += 1
     return frozenset(name for name in new_order[first_change:] if name in before)
+
+
+def json_element(element: PathElement) -> PathElement:
+    """Return a path element that JSON can express: unpaired surrogates escaped, huge integers as hexadecimal text."""
+    if isinstance(element, int):
+        return element if -_MAX_INT <= element <= _MAX_INT else hex(element)
+    if element.isascii():
+        return element
+    return element.encode("utf-8", "backslashreplace").decode("utf-8")

@@ -2,7 +2,7 @@ import json
 
 import pytest
 
-from gateway.scene.tree.names import json_element
+from gateway.scene.tree.nodes import json_element
 
 LARGEST = (1 << 63) - 1
 

@@ -23,8 +23,7 @@ from gateway.files.gltf.export.material_writer import MaterialWriter
 from gateway.files.gltf.lights import EXTENSION as LIGHTS
 from gateway.scene.draw.meshing import meshes_of
 from gateway.scene.tree.materials import faded
-from gateway.scene.tree.names import json_element
-from gateway.scene.tree.nodes import Node
+from gateway.scene.tree.nodes import Node, json_element
 from gateway.scene.tree.transforms import IDENTITY, Y_UP_TO_Z_UP, Matrix
 from renderers.camera import OPENGL_FROM_OPTICAL, Camera
 from renderers.drawlist import Light, LightKind, Material, Mesh, Topology
