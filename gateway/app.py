@@ -16,8 +16,6 @@ from fastapi import FastAPI
 from fastapi.exceptions import RequestValidationError
 from fastapi.responses import HTMLResponse
 from fastapi_offline import FastAPIOffline
-from starlette.middleware.body_limit import RequestBodyLimitMiddleware
-from starlette.types import ASGIApp, Receive, Scope, Send
 
 from gateway import __version__
 from gateway.adapters.viewer.messages import IMAGE_NAMES
@@ -146,18 +144,6 @@ async def _lifespan(app: FastAPI) -> AsyncIterator[None]:
         await context.close()
 
 
-class _BodyLimit(RequestBodyLimitMiddleware):
-    """Limit of the bodies of all routes but the render endpoint's, which has the same limit and names the setting."""
-
-    def __init__(self, app: ASGIApp, max_body_size: int, exempt_path: str) -> None:
-        super().__init__(app, max_body_size)
-        self._exempt_path = exempt_path
-
-    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        is_exempt = scope["type"] == "http" and scope["path"] == self._exempt_path
-        await (self.app if is_exempt else super().__call__)(scope, receive, send)
-
-
 def _workers(settings: Settings, name: str = "worker", further_threads: int = 0) -> WorkerPool:
     return WorkerPool(
         (settings.threads or max(1, usable_cpus() // settings.processes)) + further_threads,
@@ -199,8 +185,6 @@ def _add_middleware(context: Context) -> None:
     app.add_exception_handler(405, error_handlers.not_allowed)
     app.add_exception_handler(RequestValidationError, error_handlers.invalid_parameters)
     openapi.describe(app, token=context.security.http is not None, open_paths=health.OPEN_PATHS)
-    limit = context.settings.max_body_mb * MIB
-    app.add_middleware(_BodyLimit, max_body_size=limit, exempt_path=context.settings.render_path)
     gate = StartGate(
         started=context.started,
         problem=context.not_started_reason,

@@ -95,7 +95,7 @@ def find_pipeline(services: Sequence[StereoService], number: int) -> StereoServi
 
 
 async def read_body(request: Request, limit: int) -> bytes:
-    """Return the body. Raises RestError if it has more than ``limit`` bytes."""
+    """Return the body. Raises RestError if it has more than ``limit`` bytes: nothing else limits it."""
     body = bytearray()
     async for chunk in request.stream():
         body += chunk
