@@ -10,7 +10,7 @@ import os
 import sys
 import time
 from collections.abc import Sequence
-from typing import Final
+from typing import Any, Final
 
 from gateway import __version__
 
@@ -37,9 +37,10 @@ def write(arguments: Sequence[str], event: str = START) -> None:
     print(line, file=sys.stderr, flush=True)  # noqa: T201 - the log is not configured yet
 
 
-def _setting(name: str, arguments: Sequence[str]) -> str | None:
-    """Return a setting from the flags or the environment; None if neither has it. A TOML file is not read."""
-    return _flag(f"--{name.replace('_', '-')}", arguments) or os.environ.get(f"SCENEGATE_{name.upper()}")
+def _setting(name: str, arguments: Sequence[str]) -> Any:
+    """Return a setting from the flags, the environment or the TOML file; None if none of them has it."""
+    from_environment = os.environ.get(f"SCENEGATE_{name.upper()}")
+    return _flag(f"--{name.replace('_', '-')}", arguments) or from_environment or _from_file(name, arguments)
 
 
 def _flag(flag: str, arguments: Sequence[str]) -> str | None:
@@ -49,3 +50,18 @@ def _flag(flag: str, arguments: Sequence[str]) -> str | None:
         if argument.startswith(f"{flag}="):
             return argument.partition("=")[2]
     return None
+
+
+def _from_file(name: str, arguments: Sequence[str]) -> Any:
+    path = _flag("--config", arguments) or os.environ.get("SCENEGATE_CONFIG")
+    if not path:
+        return None
+    import tomllib
+
+    from scenegate.regular_files import read_text
+
+    try:
+        values = tomllib.loads(read_text(path))
+    except (OSError, ValueError):  # reported when the settings are loaded
+        return None
+    return values.get(name, values.get(name.replace("_", "-")))

@@ -3,6 +3,7 @@
 import json
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
 
@@ -14,7 +15,7 @@ EVENT = f"Scenegate {__version__} starts: loading its libraries"
 
 @pytest.fixture(autouse=True)
 def _no_settings(monkeypatch: pytest.MonkeyPatch) -> None:
-    for name in ("SCENEGATE_LOG_FORMAT", "SCENEGATE_LOG_LEVEL"):
+    for name in ("SCENEGATE_CONFIG", "SCENEGATE_LOG_FORMAT", "SCENEGATE_LOG_LEVEL"):
         monkeypatch.delenv(name, raising=False)
 
 
@@ -34,16 +35,21 @@ def test_on_a_terminal_it_is_text(capsys: pytest.CaptureFixture[str], monkeypatc
     json.loads(written(capsys, "serve", "--log-format", "json"))
 
 
-@pytest.mark.parametrize("source", ["flag", "flag=", "environment"])
+@pytest.mark.parametrize("source", ["flag", "flag=", "environment", "file", "file in the environment"])
 def test_the_format_is_a_setting(
-    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, source: str
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, tmp_path: Path, source: str
 ) -> None:
+    config = tmp_path / "scenegate.toml"
+    config.write_text("log-format = 'human'")
     arguments = {
         "flag": ["--log-format", "human"],
         "flag=": ["--log-format=human"],
+        "file": ["--config", str(config)],
     }.get(source, [])
     if source == "environment":
         monkeypatch.setenv("SCENEGATE_LOG_FORMAT", "human")
+    if source == "file in the environment":
+        monkeypatch.setenv("SCENEGATE_CONFIG", str(config))
     assert EVENT in written(capsys, "serve", *arguments)
     assert not written(capsys, "serve", *arguments).startswith("{")
 
@@ -54,6 +60,16 @@ def test_the_format_is_a_setting(
 )
 def test_it_is_only_for_servers_that_log_it(capsys: pytest.CaptureFixture[str], arguments: tuple[str, ...]) -> None:
     assert written(capsys, *arguments) == ""
+
+
+@pytest.mark.parametrize("content", ["not = [toml", None])
+def test_a_file_that_cannot_be_read_is_reported_later(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path, content: str | None
+) -> None:
+    config = tmp_path / "scenegate.toml"
+    if content is not None:
+        config.write_text(content)
+    json.loads(written(capsys, "serve", "--config", str(config), "--port"))
 
 
 def test_it_comes_before_the_libraries_are_imported() -> None:
