@@ -45,7 +45,7 @@ def check(
     folder: Folder,
     threads: Annotated[int, typer.Option(min=0, help="Number of threads; 0: one per core.")] = 0,
 ) -> None:
-    """Verify a dataset: manifest, hashes, sizes and types of the images, cameras, labels."""
+    """Verify a dataset: manifest, hashes and sizes of the images, models."""
     from gateway.datasets.check import check_dataset
     from gateway.runtime.workers.scheduling import usable_cpus
     from scenegate.cli.progress_bar import progress_bar

@@ -1,10 +1,10 @@
-"""Check a dataset: its files exist, have the recorded hashes, and are consistent.
+"""Check a dataset: its files exist, have the recorded hashes, and can be read.
 
 ``scenegate dataset check`` uses it.
 """
 
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 from functools import lru_cache
@@ -12,12 +12,12 @@ from itertools import islice
 from pathlib import Path
 from typing import Final
 
-from gateway.datasets.check_sample import sample_problems
 from gateway.datasets.files import TEMPORARY_SUFFIX
 from gateway.datasets.scenes import scene_digest
+from gateway.datasets.views import REQUEST_VIEW_NAME
 from renderers.stop import check_stop
-from scenegate.datasets import manifest
-from scenegate.datasets.manifest import FailureRecord, RecordError, SampleRecord
+from scenegate.datasets import Sample, manifest
+from scenegate.datasets.manifest import FailureRecord, ImageFile, RecordError, SampleRecord
 from scenegate.regular_files import open_regular, sha256_of
 
 BATCH_SAMPLES_PER_THREAD: Final = 16
@@ -105,7 +105,7 @@ def _check_samples(
             return None
 
     def problems_of(sample: SampleRecord, scene: manifest.SceneRecord | None) -> list[str]:
-        return list(sample_problems(folder, sample, description, scene))
+        return list(_sample_problems(folder, sample, description, scene))
 
     total = _count_lines(folder / manifest.MANIFEST_FILE)
     samples = manifest.read_lines(folder / manifest.MANIFEST_FILE, SampleRecord)
@@ -125,6 +125,39 @@ def _check_samples(
     if not report.samples:
         report.problems.append(f"{manifest.MANIFEST_FILE} has no samples")
     _note_unknown_files(folder, path_hashes, report)
+
+
+def _sample_problems(
+    folder: Path, sample: SampleRecord, description: manifest.DatasetRecord, scene: manifest.SceneRecord | None
+) -> Iterator[str]:
+    """Yield the errors of a sample and its images."""
+    if sample.id != f"{sample.scene}/{sample.view}":
+        yield f"the id is not that of scene {sample.scene} and view {sample.view}"
+    if scene is not None and sample.scene_sha256 != scene.sha256:
+        yield "it was drawn of another state of the scene than its scene.json tells"
+    is_request = sample.view == REQUEST_VIEW_NAME
+    for image_type in description.settings.types:
+        if image_type not in sample.images and not is_request and image_type != "flow":  # the last view has none
+            yield f"the {image_type} image is missing in the manifest"
+    reader = Sample(folder, sample)
+    for image_type, image in sample.images.items():
+        try:
+            _check_file(folder, image)
+            read = reader.image if image_type in ("amodal", "flow") else reader.stored
+            read(image_type)
+        except RecordError as error:
+            yield f"{image.path}: {str(error).removeprefix(f'{folder / image.path}: ')}"
+
+
+def _check_file(folder: Path, image: ImageFile) -> None:
+    """Raise RecordError if an image file is not that of the manifest."""
+    path = manifest.path_inside(folder, image.path)
+    digest = sha256_of(path, check_stop)
+    if digest is None:
+        raise RecordError("missing, or not a regular file that can be read")
+    if digest != image.sha256:
+        size = path.stat().st_size
+        raise RecordError(f"changed: its SHA-256 is not that of the manifest ({size} bytes, {image.bytes} there)")
 
 
 def _read_scene(

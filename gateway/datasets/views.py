@@ -204,12 +204,12 @@ def _camera_from_file(file_camera: PlacedCamera, width: int, height: int, draw_l
         raise CameraError(f"the file's camera {file_camera.name!r}: {error}") from None
 
 
-def check_pose(rows: Pose, max_error: float = MAX_ROTATION_ERROR) -> None:
-    """Raise CameraError unless a matrix is a rotation, whose R^T R may be wrong by ``max_error``, and a translation."""
+def check_pose(rows: Pose) -> None:
+    """Raise CameraError unless a matrix is a rotation and a translation."""
     pose = np.array(rows)
     if pose.shape != (4, 4) or not np.isfinite(pose).all() or not (pose[3] == (0.0, 0.0, 0.0, 1.0)).all():
         raise CameraError("X_world_camera must be four rows of four finite numbers, the last of them 0, 0, 0, 1")
-    if not is_rotation(pose[:3, :3], max_error):
+    if not is_rotation(pose[:3, :3], MAX_ROTATION_ERROR):
         raise CameraError("X_world_camera must be a rotation and a translation: it is scaled, sheared or mirrored")
 
 

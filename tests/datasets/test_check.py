@@ -1,14 +1,11 @@
 """``scenegate dataset check`` finds what is wrong, and nothing in what is right."""
 
-import hashlib
 import json
 import os
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-import cv2
-import numpy as np
 import pytest
 
 from gateway.datasets.check import check_dataset
@@ -28,17 +25,6 @@ def edit(dataset: Path, number: int, change: Callable[[dict[str, Any]], object])
     lines = [json.loads(line) for line in path.read_text().splitlines()]
     change(lines[number])
     path.write_text("".join(json.dumps(line) + "\n" for line in lines))
-
-
-def replace_image(dataset: Path, number: int, image_type: str, pixels: Any) -> None:
-    """Replace an image, and its hash in the manifest."""
-
-    def change(line: dict[str, Any]) -> None:
-        path = dataset / line["images"][image_type]["path"]
-        cv2.imwrite(str(path), pixels)
-        line["images"][image_type]["sha256"] = hashlib.sha256(path.read_bytes()).hexdigest()
-
-    edit(dataset, number, change)
 
 
 def replace_by_pipe(path: Path) -> None:
@@ -74,9 +60,6 @@ def test_a_whole_dataset(dataset: Path, threads: int) -> None:
         (lambda d: (d / "scenes/a.gltf/scene.json").unlink(), "scene.json: No such file"),
         (lambda d: replace_by_pipe(d / "scenes/a.gltf/orbit-0.color.png"), "missing, or not a regular file"),
         (lambda d: replace_by_pipe(d / "scenes/a.gltf/scene.json"), "scene.json: it is not a regular file"),
-        (lambda d: edit(d, 0, lambda s: s["camera"].update(fx=-1.0)), "focal lengths (-1.0"),
-        (lambda d: edit(d, 0, lambda s: s["camera"].update(near=5.0, far=1.0)), "planes near=5.0, far=1.0"),
-        (lambda d: edit(d, 0, lambda s: s["camera"]["X_world_camera"][0].__setitem__(0, 9.0)), "must be a rotation"),
         (lambda d: edit(d, 0, lambda s: s["camera"].update(width=33)), "32x24 pixels, the camera has 33x24"),
         (lambda d: edit(d, 0, lambda s: s["images"].pop("label")), "the label image is missing in the manifest"),
         (lambda d: edit(d, 1, lambda s: s.update(id="a.gltf/orbit-0")), "a.gltf/orbit-0 is there twice"),
@@ -84,34 +67,18 @@ def test_a_whole_dataset(dataset: Path, threads: int) -> None:
         (lambda d: edit(d, 0, lambda s: s.update(id="a.gltf/other")), "is not that of scene a.gltf and view orbit-0"),
         (lambda d: edit(d, 0, lambda s: s["camera"].update(width=0)), "Expected `int` >= 1 - at `$.camera.width`"),
         (lambda d: edit(d, 0, lambda s: s["camera"].update(height=0)), "Expected `int` >= 1 - at `$.camera.height`"),
-        (lambda d: edit(d, 0, lambda s: s["camera"].update(fy=0.0)), "must be above 0"),
-        (lambda d: edit(d, 0, lambda s: s["camera"].update(fx=1e308)), "(1e+308, "),
         (lambda d: (d / manifest.MANIFEST_FILE).write_bytes(b""), "manifest.jsonl has no samples"),
         (lambda d: edit(d, 0, lambda s: s["camera"].update(height=25)), "32x24 pixels, the camera has 32x25"),
         (lambda d: edit(d, 0, lambda s: s["images"]["color"].update(path="/etc/passwd")), "outside of the dataset"),
         (lambda d: edit_scene(d, scene="other"), "its scene.json is that of other"),
         (lambda d: edit_scene(d, sha256="0"), "does not follow from those of its sources"),
-        (lambda d: replace_image(d, 0, "depth", np.full((24, 32), np.nan, np.float32)), "negative or not a number"),
-        (lambda d: replace_image(d, 0, "depth", np.zeros((24, 32), np.uint8)), "a depth image with 1 channels of u"),
-        (lambda d: replace_image(d, 0, "label", np.zeros((24, 32, 4), np.uint8)), "with 4 channels of uint8"),
         (lambda d: edit(d, 0, lambda s: s["images"]["color"].update(path="../../etc/passwd")), "outside of the data"),
-        (lambda d: replace_image(d, 0, "color", np.zeros((24, 32), np.uint8)), "with 1 channels of uint8"),
-        (lambda d: replace_image(d, 0, "depth", np.full((24, 32), -1, np.float32)), "negative or not a number"),
-        (lambda d: replace_image(d, 0, "label", np.full((24, 32, 3), 7, np.uint8)), "labels that scene.json does"),
     ],
 )
 def test_damage_is_named(dataset: Path, damage: Callable[[Path], object], sentence: str) -> None:
     damage(dataset)
     report = check_dataset(dataset, 2)
     assert any(sentence in problem for problem in report.problems), report.problems
-
-
-def test_images_of_several_formats_are_valid(dataset: Path) -> None:
-    """Depth may be 16 bit or infinite, and labels may be NO_LABEL."""
-    replace_image(dataset, 0, "depth", np.full((24, 32), 65535, np.uint16))
-    replace_image(dataset, 1, "depth", np.full((24, 32), np.inf, np.float32))
-    replace_image(dataset, 0, "label", np.full((24, 32, 3), 255, np.uint8))
-    assert check_dataset(dataset, 1).problems == []
 
 
 def test_unknown_files_are_noted(dataset: Path) -> None:

@@ -97,7 +97,8 @@ class Sample:
     @property
     def label(self) -> NDArray[np.uint32]:
         """Labels, (H, W): ``NO_LABEL`` for the background. ``Dataset.labels`` returns the paths of each label."""
-        return label_numbers(self.stored("label"))
+        channels = self.stored("label").astype(np.uint32)
+        return np.ascontiguousarray(channels[..., 0] | channels[..., 1] << 8 | channels[..., 2] << 16)
 
     @property
     def objects(self) -> tuple[manifest.ObjectRecord, ...]:
@@ -264,12 +265,6 @@ class Sample:
         """Return the content of an image file."""
         with errors_as(RecordError, path):
             return read_regular(path)
-
-
-def label_numbers(rgb: NDArray[np.uint8]) -> NDArray[np.uint32]:
-    """Return the labels, (H, W), in the pixels of a label image, (H, W, 3)."""
-    channels = rgb.astype(np.uint32)
-    return np.ascontiguousarray(channels[..., 0] | channels[..., 1] << 8 | channels[..., 2] << 16)
 
 
 def decode_flow(data: bytes, location: str) -> NDArray[np.float32]:
