@@ -1,4 +1,4 @@
-"""Reads mesh files: OBJ and PLY with trimesh, COLLADA with pycollada, STL and VTK with our own parsers."""
+"""Reads mesh files: OBJ with trimesh, COLLADA with pycollada, STL, PLY and VTK with our own parsers."""
 
 from __future__ import annotations
 
@@ -24,15 +24,7 @@ from gateway.files.parsers.obj import (
     with_unit_colors,
     without_broken_faces,
 )
-from gateway.files.parsers.ply import (
-    colors_of,
-    faces_of,
-    srgb_bytes,
-    triangles_of_strips,
-    with_plain_header,
-    with_triangles,
-    with_used_coordinates,
-)
+from gateway.files.parsers.ply import read_ply, srgb_bytes
 from gateway.files.parsers.stl import read_stl
 from gateway.files.parsers.texture_files import ReadFile, TextureFiles
 from gateway.files.parsers.vtk import read_vtk
@@ -82,53 +74,59 @@ def _make_visible(content: MeshData) -> None:
 
 
 def _read(read_file: ReadFile, data: bytes, extension: str, options: MeshOptions) -> MeshData:
-    if extension in ("stl", "vtk"):
-        content = MeshData()
-        if extension == "stl":
-            positions, colors = read_stl(data, options.max_elements, content.warnings)
-            triangles: NDArray[np.int64] | None = np.arange(len(positions)).reshape(-1, 3)
-        else:
-            positions, triangles, colors = read_vtk(data, options.max_vertices, options.max_elements, content.warnings)
-        shape = shape_of(positions, triangles, content.warnings, colors=colors)
-        if shape is not None:
-            content.shapes, content.instances = [shape], [(0, _IDENTITY)]
-        return content
     if extension == "dae":
         return read_collada(data, read_file, options)
-    libraries: list[str] = []
+    content = MeshData()
+    textures = TextureFiles(read_file, content)
     if extension == "obj":
-        original = data = with_plain_blanks(data)
-        if options.submesh:
-            data = with_one_group(data, options.submesh)
-        libraries = [line.decode("utf-8", "replace").strip().strip('"') for line in _LIBRARIES.findall(data)]
-        data = with_unit_colors(with_absolute_faces(data))
-    result = MeshData()
-    textures = TextureFiles(read_file, result)
-    resolver = _Resolver(read_file, textures, libraries)
+        _read_obj(read_file, data, textures, options, content)
+        return content
     if extension == "ply":
-        data = with_triangles(with_used_coordinates(with_plain_header(data), resolver.get, result.warnings))
+        shape = read_ply(data, textures, options, content)
+    elif extension == "stl":
+        positions, colors = read_stl(data, options.max_elements, content.warnings)
+        triangles = np.arange(len(positions)).reshape(-1, 3)
+        shape = shape_of(positions, triangles, content.warnings, colors=colors)
+    else:
+        positions, vtk_triangles, colors = read_vtk(data, options.max_vertices, options.max_elements, content.warnings)
+        shape = shape_of(positions, vtk_triangles, content.warnings, colors=colors)
+    if shape is not None:
+        content.shapes, content.instances = [shape], [(0, _IDENTITY)]
+    return content
+
+
+def _read_obj(
+    read_file: ReadFile, data: bytes, textures: TextureFiles, options: MeshOptions, content: MeshData
+) -> None:
+    """Add the content of an OBJ file: one instance of each shape, as the format has no others."""
+    original = data = with_plain_blanks(data)
+    if options.submesh:
+        data = with_one_group(data, options.submesh)
+    libraries = [line.decode("utf-8", "replace").strip().strip('"') for line in _LIBRARIES.findall(data)]
+    data = with_unit_colors(with_absolute_faces(data))
+    resolver = _Resolver(read_file, textures, libraries)
 
     def load(data: bytes) -> Any:
-        return trimesh.load_scene(
-            io.BytesIO(with_convex_faces(data) if extension == "obj" else data),
-            file_type=extension,
-            resolver=resolver,
-            process=False,
-            allow_remote=False,
-        )
+        file = io.BytesIO(with_convex_faces(data))
+        return trimesh.load_scene(file, file_type="obj", resolver=resolver, process=False, allow_remote=False)
 
     try:
         scene = load(data)
     except (ValueError, IndexError):
-        if extension == "ply":
-            raise ValueError("its data do not fit its header") from None  # NumPy's words are no help
-        if extension != "obj":
-            raise
-        scene = load(without_broken_faces(data, original, result.warnings))
+        scene = load(without_broken_faces(data, original, content.warnings))
     if resolver.materials:
-        result.warnings += _undefined_materials(data, resolver.materials)
-    _add_content(scene, textures, options, result)
-    return result
+        content.warnings += _undefined_materials(data, resolver.materials)
+    if len(scene.geometry) > options.max_instances:
+        raise MeshFaultError(f"it has {len(scene.geometry)} parts, the limit is {options.max_instances}")
+    vertices = sum(len(getattr(geometry, "vertices", ())) for geometry in scene.geometry.values())
+    triangles = sum(len(getattr(geometry, "faces", ())) for geometry in scene.geometry.values())
+    if vertices > options.max_vertices or triangles > options.max_elements:
+        raise MeshFaultError(f"it has more than {options.max_vertices} vertices or {options.max_elements} triangles")
+    for geometry in scene.geometry.values():
+        shape = _shape(geometry, textures, content.warnings)
+        if shape is not None:
+            content.instances.append((len(content.shapes), _IDENTITY))
+            content.shapes.append(shape)
 
 
 def _undefined_materials(data: bytes, materials: set[bytes]) -> list[str]:
@@ -183,54 +181,24 @@ class _Resolver(trimesh.resolvers.Resolver):
         return self
 
 
-def _add_content(scene: Any, textures: TextureFiles, options: MeshOptions, result: MeshData) -> None:
-    """Add the content of a ``trimesh.Scene``: one instance of each geometry, as these formats have no others."""
-    if len(scene.geometry) > options.max_instances:
-        raise MeshFaultError(f"it has {len(scene.geometry)} parts, the limit is {options.max_instances}")
-    vertices = sum(len(getattr(geometry, "vertices", ())) for geometry in scene.geometry.values())
-    triangles = sum(len(getattr(geometry, "faces", ())) for geometry in scene.geometry.values())
-    if vertices > options.max_vertices or triangles > options.max_elements:
-        raise MeshFaultError(f"it has more than {options.max_vertices} vertices or {options.max_elements} triangles")
-    for geometry in scene.geometry.values():
-        shape = _shape(geometry, textures, result.warnings)
-        if shape is not None:
-            result.instances.append((len(result.shapes), _IDENTITY))
-            result.shapes.append(shape)
-
-
 def _shape(geometry: Any, textures: TextureFiles, warnings: list[str]) -> Shape | None:
     """Convert a trimesh geometry; None for one that draws nothing."""
     positions = np.asarray(getattr(geometry, "vertices", np.zeros((0, 3))))
     if positions.ndim != 2 or positions.shape[1] != 3 or not len(positions):
         return None
-    ply = geometry.metadata.get("_ply_raw", {})
-    colors = colors_of(ply, "vertex") if ply else _vertex_colors(geometry)
+    colors = _vertex_colors(geometry)
     if colors is not None and len(colors) != len(positions):
         colors = None
     if not hasattr(geometry, "faces"):
-        strips = triangles_of_strips(ply)
-        if strips is not None:
-            strips = checked_triangles(strips, len(positions), warnings)
-        return shape_of(positions, strips, warnings, colors=colors)
+        return shape_of(positions, None, warnings, colors=colors)
     uv, color, image = _material(geometry, textures, warnings)
     # trimesh's property computes missing normals. Its cache has only the normals of the file.
     normals = geometry._cache.cache.get("vertex_normals")
     if normals is not None and len(normals) != len(positions):
         normals = None
-    face_colors, faces = colors_of(ply, "face"), np.asarray(geometry.faces, np.int64).reshape(-1, 3)
-    ply_faces = faces_of(ply, positions)
     if image is not None:
         colors = None
-    elif face_colors is not None and ply_faces and (colors is None or (colors == colors[0]).all()):
-        triangles = checked_triangles(np.column_stack(ply_faces), len(positions), warnings)
-        corners = triangles[:, :3].ravel()
-        positions, normals = positions[corners], None if normals is None else normals[corners]
-        colors = face_colors[triangles[:, 3]].repeat(3, axis=0)
-        triangles = np.arange(len(corners)).reshape(-1, 3)
-        return shape_of(positions, triangles, warnings, normals=normals, colors=colors)
-    if ply_faces and ply["vertex"]["length"] == len(positions):  # trimesh's polygons are fans
-        faces = ply_faces[0]
-    triangles = checked_triangles(faces, len(positions), warnings)
+    triangles = checked_triangles(np.asarray(geometry.faces, np.int64).reshape(-1, 3), len(positions), warnings)
     shape = shape_of(positions, triangles, warnings, normals=normals, uv=uv, colors=colors, color=color, image=image)
     if shape is not None and color is not None:
         shape.emission = _mtl_emission(geometry.visual.material)
