@@ -303,7 +303,7 @@ def _triangles(
 
     ``sizes``: number of corners of each polygon.
     """
-    corners = np.arange(len(indices))
+    corners: NDArray[np.int64] = np.arange(len(indices))
     if (sizes == 3).all():  # most files; three times as fast
         corners = corners.reshape(-1, 3)
     else:
