@@ -4,7 +4,7 @@ Files are named as in the scenario: relative to its folder, unless the scenario 
 been edited: ``choices_of`` compares it with the scenario.
 """
 
-from collections.abc import Iterator
+from itertools import chain
 from typing import Annotated, Any, Final, Literal
 
 import msgspec
@@ -126,63 +126,29 @@ class SceneChoices(Choice, frozen=True, kw_only=True):
 def choices_of(record: Any, catalogue: Catalogue, number: int) -> SceneChoices:
     """Return the choices in ``SceneRecord.scenario`` of the scene with a number.
 
-    Raises ValidationError if a value is beyond its limits, ScenarioError if it contradicts the scenario.
+    Raises ValidationError if a value is beyond its limits, ScenarioError if the scenario cannot have drawn it.
     """
     choices = msgspec.convert(record, SceneChoices)
-    for problem in _problems(choices, catalogue, number):
-        raise ScenarioError(problem)
-    return choices
-
-
-def _problems(choices: SceneChoices, catalogue: Catalogue, number: int) -> Iterator[str]:
-    """Yield a sentence for each value that the scenario cannot have drawn."""
     scenario = catalogue.scenario
     if (choices.seed, choices.number) != (scenario.seed, number):
-        yield f"seed, number: they are {choices.seed}, {choices.number}, those of the scene {scenario.seed}, {number}"
-    for key, count, wanted in (
-        ("surfaces", len(choices.surfaces), len(scenario.surfaces)),
-        ("cameras", len(choices.cameras), scenario.camera_count),
-    ):
-        if count != wanted:
-            yield f"{key}: there are {count}, the scenario has {wanted}"
-    for index, surface in enumerate(choices.surfaces):
-        yield from _pose_problems("surfaces", surface.X_world_surface)
-        key = f"surfaces[{index}].material.textures"
-        yield from _file_problems("surfaces.material.texture", {surface.material.texture}, catalogue, key)
-    names: set[str] = set()
+        raise ScenarioError(f"it is scene {choices.number} of seed {choices.seed}")
+    if (len(choices.surfaces), len(choices.cameras)) != (len(scenario.surfaces), scenario.camera_count):
+        raise ScenarioError("it has not the surfaces and cameras of the scenario")
+    if {len(camera.X_world_camera) for camera in choices.cameras} - {1, scenario.frame_count or 1}:
+        raise ScenarioError("a camera has not one pose, or one for each frame")
     for choice in choices.objects:
-        yield from _object_problems(choice, catalogue)
-        if choice.name in names:
-            yield f"objects: two have the name {choice.name!r}"
-        names.add(choice.name)
-    for camera in choices.cameras:
-        if len(camera.X_world_camera) not in (1, scenario.frame_count or 1):
-            yield f"cameras: X_world_camera has {len(camera.X_world_camera)} poses, not 1 or one for each frame"
-        for pose in camera.X_world_camera:
-            yield from _pose_problems("cameras", pose)
-    textures = {choice.material.texture for choice in choices.objects if choice.material is not None}
-    yield from _file_problems("objects.material.texture", textures, catalogue, "materials.textures")
-    yield from _file_problems("light.rig", {choices.light.rig}, catalogue, "lights.rigs")
-    yield from _file_problems("light.environment", {choices.light.environment}, catalogue, "lights.environments")
-    yield from _file_problems("background.image", {choices.background.image}, catalogue, "backgrounds.images")
-
-
-def _object_problems(choice: ObjectChoice, catalogue: Catalogue) -> Iterator[str]:
-    kind, index = choice.entry
-    files = catalogue.models.get(choice.entry)
-    if files is None:
-        yield f"objects: the scenario has no {kind}[{index}]"
-    elif choice.file not in files or choice.model != catalogue.model_names[choice.file]:
-        yield f"objects: {choice.file!r} with the name {choice.model!r} is no file of {kind}[{index}]"
-    yield from _pose_problems("objects", choice.X_world_object)
-
-
-def _file_problems(place: str, used: set[str], catalogue: Catalogue, key: str) -> Iterator[str]:
-    """Yield a sentence for each file at a place in the record that is not among those of the scenario's key."""
-    for file in sorted(used - {"", *catalogue.other_files.get(key, ())}):
-        yield f"{place}: {file!r} is not among the files of the scenario"
-
-
-def _pose_problems(key: str, pose: Coordinates) -> Iterator[str]:
-    if not is_rotation(np.array(pose)[:3, :3], MAX_ROTATION_ERROR) or pose[3] != (0.0, 0.0, 0.0, 1.0):
-        yield f"{key}: {[list(row) for row in pose]} is not a rigid pose"
+        known = choice.file in catalogue.models.get(choice.entry, ())
+        if not known or choice.model != catalogue.model_names[choice.file]:
+            raise ScenarioError(f"{choice.file!r} ({choice.model!r}) is no model of {choice.entry}")
+    if len({choice.name for choice in choices.objects}) < len(choices.objects):
+        raise ScenarioError("two objects have the same name")
+    materials = [surface.material for surface in choices.surfaces]
+    materials += [choice.material for choice in choices.objects if choice.material is not None]
+    files = {choices.light.rig, choices.light.environment, choices.background.image, *(m.texture for m in materials)}
+    if unknown := files - {"", *chain(*catalogue.other_files.values())}:
+        raise ScenarioError(f"{min(unknown)!r} is no file of the scenario")
+    poses = [each.X_world_surface for each in choices.surfaces] + [each.X_world_object for each in choices.objects]
+    for pose in chain(poses, *(camera.X_world_camera for camera in choices.cameras)):
+        if not is_rotation(np.array(pose)[:3, :3], MAX_ROTATION_ERROR) or pose[3] != (0.0, 0.0, 0.0, 1.0):
+            raise ScenarioError(f"{[list(row) for row in pose]} is not a rigid pose")
+    return choices
