@@ -5,7 +5,6 @@
 
 from __future__ import annotations
 
-import base64
 import math
 from pathlib import Path
 from typing import Any, Final, NamedTuple
@@ -22,23 +21,14 @@ _MAX_PREVIEW_SIZE = (640, 480)
 """Maximum width and height of each image in a preview, in pixels."""
 
 
-_TURBO: Final = np.frombuffer(
-    base64.b85decode(
-        "FcLd56+<%^N;Df$H6B<tAzwEnW;iEpIVy8HEqOaHfIKpWJvECyIFUa)mp?w7KtQ5FL#IJTtU^h#LQAznPP#-<zeH5SL{`T|S<6LS&qZF-"
-        "Mq$=QWZFh%-9~BPMr-3oZstdE=|^+xM|SQ<c<@Ji@<x61Mu7H4g7`*-`bLNQMT-1IjQvE9{zH-eLX`hOmj6JR|2~`kJ)ZtMp#3_d{5YliH>mnG"
-        "tN1gm_c5>aFS7J5wDK&s@G80PD7@<@zUd{v=Oe@9BE{k$$KM~x-5$%@9L?Ap(A65!(i+sz8P&}g*UA{#$Qawj7~R4c-oO~(y&2-"
-        "W8RNMc<hC5<v>oTNAL*|k>Z~H`swM2FC+?&w@1ZR4o-"
-        "gs6GV+);^OQLBkv#Q|KlX}4_lHLKgi82;PWgRO`g&FRc3Jy#UHorh{A^|YX=(jtZT@0${$F+eTzURkeg9T~|5JqjQHcLei~mcH|4EYnN0$CXnf"
-        "^kY{y?AoKcW3Sr2IUm{5q-oIjs9QulhH!`8KrpHn;aRx%M@@^)$ZpG{N&U!|^o6@HEKpG|TNY&FnPL>NL{nHPq)d*X1?Y<Tl&lHr?Pi-`_Xk-"
-        "8bXgIOW+m=hr#u)j8|aIqcCo?$0{!%{uYRI`YXn^v62&#X9!GI`_dk_`W&$ygB;1Is3Rc`?fdyvo`#(HvO(O{j4<psWbkkGXA77{-H4bo-"
-        "h8JE&iD-{+28LlPdm@DgBKn{fZ|1hb8=kBm03O`+gz%dms6D9{F`0_;MWgZyNS&8TDxx^kx_HV-"
-        "@mX6!BdX@LLk^SP|`25bRSA>rf8rP7UZw4ChG<<wpzTMGE3W3gJNs-#-Z5JqX-"
-        "82iiFY*f$2&H3rl(1=2AE&@TnfEd<Of1j;G|$S4EFCIiDI1HmH#z99m<AOg7_0=FFkv>O4k8Ue2u0jw7RsTKjJ6al0Y0ihBBo)7_>4*{4C0hJ8"
-        "_k_!Qj3IU4=0*D9#g$DwG1_FKs0(t}k"
-    ),
+_TURBO_COLORS: Final = np.frombuffer(
+    bytes.fromhex("30123b4143a74771e93e9bfe22c5e21ae4b646f88488ff4eb9f635e1dd37faba39fd8d27f05b12d63506af18017a0403"),
     np.uint8,
-).reshape(256, 3)
-"""Colormap of Google AI, (256, 3) RGB: blue, green, red."""
+).reshape(-1, 3)
+_TURBO: Final = np.array(
+    [np.interp(np.linspace(0.0, 1.0, 256), np.linspace(0.0, 1.0, len(_TURBO_COLORS)), each) for each in _TURBO_COLORS.T]
+).T
+"""The colormap Turbo of Google AI, (256, 3) RGB: blue, green, red; every 17th colour is exact."""
 
 
 class BadImageError(ValueError):
@@ -115,7 +105,7 @@ def points(images: pb.ImageSet | pb.DisparityImage) -> Points:
     disparity, left = (images.disparity, images.left) if is_set else (images, None)
     z = depth(disparity)
     mask = np.isfinite(z)
-    rows, columns = np.nonzero(mask)
+    rows, columns = (each.astype(np.float32) for each in np.nonzero(mask))
     K, z = intrinsics(disparity.image, opencv=True).astype(np.float32), z[mask]
     xyz = np.stack(((columns - K[0, 2]) * z / K[0, 0], (rows - K[1, 2]) * z / K[1, 1], z), axis=1)
     rgb = None if left is None or not left.data else colors_at(pixels(left), mask)
@@ -268,7 +258,7 @@ def disparity_to_rgb(disparity: NDArray[np.uint16]) -> NDArray[np.uint8]:
     valid = disparity > 0
     low, high = np.percentile(disparity[valid], (1, 99)) if valid.any() else (0, 1)
     scaled = np.clip((disparity.astype(np.float32) - low) / max(high - low, 1) * 255, 0, 255).astype(np.uint8)
-    colored = _TURBO[scaled]
+    colored = _TURBO[scaled].astype(np.uint8)
     colored[~valid] = 0
     return colored
 

@@ -4,10 +4,9 @@ from collections import defaultdict
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from scenegate.camera import image_interface_pb2 as pb
-from scenegate.camera.files import colors_at, nanoseconds, pixels
+from scenegate.camera.files import depth, nanoseconds, pixels, points
 from scenegate.recording.values import LEFT_FRAME, Calibration, CameraImage, Cloud, Disparity, Encoding, ExposureImages
 
 OPENCV_OFFSET = 0.5
@@ -42,12 +41,15 @@ class CameraConverter:
             message = image_set.disparity
             self._baseline = message.baseline
             fields = fields_by_time[nanoseconds(message.image.timestamp)]
-            disparity = _disparity(message)
-            depth = _depth(disparity)
-            fields["disparity"] = disparity
-            fields["images"]["depth"] = CameraImage(disparity.image.calibration, "32FC1", depth.tobytes())
+            metres = depth(message)
+            metres[np.isinf(metres)] = np.nan
+            fields["disparity"] = _disparity(message)
+            fields["images"]["depth"] = CameraImage(
+                _calibration(message.image), "32FC1", metres.astype("<f4").tobytes()
+            )
             if self._has_cloud:
-                fields["cloud"] = _cloud(depth, disparity, left)
+                found = points(image_set)
+                fields["cloud"] = Cloud(LEFT_FRAME, found.xyz, found.rgb)
         if left is not None and not depth_only:
             fields_by_time[nanoseconds(left.timestamp)]["images"]["left"] = _image(left)
         if image_set.HasField("right") and not depth_only and self._baseline is not None:
@@ -80,26 +82,3 @@ def _disparity(message: pb.DisparityImage) -> Disparity:
     image = CameraImage(_calibration(message.image), "32FC1", values.tobytes())
     max_disparity = float(values.max()) if valid.any() else 0.0
     return Disparity(image, message.baseline, max_disparity, disparity_step=message.delta_d)
-
-
-def _depth(disparity: Disparity) -> NDArray[np.float32]:
-    """Return the depth along the optical axis in metres, (H, W); NaN where the disparity is invalid."""
-    calibration = disparity.image.calibration
-    values = np.frombuffer(disparity.image.data, "<f4").reshape(calibration.height, calibration.width)
-    depth = np.full(values.shape, np.nan, "<f4")
-    np.divide(calibration.focal_length * disparity.baseline, values, out=depth, where=values > 0.0)
-    return depth
-
-
-def _cloud(depth: NDArray[np.float32], disparity: Disparity, left: pb.Image | None) -> Cloud:
-    """Return the points of the valid pixels, in the left optical frame; with colours if there is a left image."""
-    calibration = disparity.image.calibration
-    valid = np.isfinite(depth)
-    rows, columns = np.nonzero(valid)
-    z = depth[valid]
-    x = (columns.astype(np.float32) - np.float32(calibration.cx)) * z / np.float32(calibration.focal_length)
-    y = (rows.astype(np.float32) - np.float32(calibration.cy)) * z / np.float32(calibration.focal_length)
-    colors = None
-    if left is not None:
-        colors = colors_at(pixels(left), valid)
-    return Cloud(LEFT_FRAME, np.stack((x, y, z), axis=1), colors)
