@@ -127,13 +127,6 @@ class RobotFiles:
                         return candidate / name
         raise RobotFileError(self._not_found(uri, scheme, []))
 
-    def find_path(self, uri: str) -> Path | None:
-        """Return the path of a file or folder; None if there is none."""
-        try:
-            return next(filter(Path.exists, self._candidates(*_split_name(uri))), None)
-        except (RobotFileError, ValueError, OSError):  # a name that no file can have
-            return None
-
     def find_package(self, name: str) -> Path | None:
         """Return the folder of a package; None if there is none."""
         return None if name in _NOT_PACKAGES else next(filter(Path.is_dir, self._package_folders(name)), None)
