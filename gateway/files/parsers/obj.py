@@ -1,199 +1,309 @@
-"""Rewrites faces of OBJ files that trimesh would refuse or misread."""
+"""Reads OBJ files: polygons and points, with colours, normals, texture coordinates, and materials of MTL files."""
 
+from __future__ import annotations
+
+import contextlib
+import math
 import re
+from array import array
+from collections import defaultdict
+from dataclasses import dataclass, field
 from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
-from gateway.files.parsers.mesh_data import MeshFaultError
-from gateway.files.parsers.polygons import ears_of_concave_polygons
+from gateway.files.parsers.mesh_data import MeshData, MeshFaultError, MeshOptions, Shape, shape_of
+from gateway.files.parsers.ply import srgb_bytes
+from gateway.files.parsers.polygons import triangles_of_polygons
+from gateway.files.parsers.texture_files import ReadFile, TextureFiles
 
-_CORNER: Final = re.compile(rb"(\d{1,9})(?:/(\d{1,9})?)?(?:/(\d{1,9})?)?")
-"""Corner of a face with absolute indices: vertex, texture coordinates and normal, counted from 1."""
-_KINDS: Final = (b"v", b"vt", b"vn")
-"""Statements that the three numbers of a corner count."""
-
-
-_RELATIVE_FACE: Final = re.compile(rb"^[ \t]*f[ \t][^\r\n]*[ \t/]-\d", re.MULTILINE)
-_CONTINUED: Final = re.compile(rb"\\[\r\n]")
-_NEGATIVE: Final = re.compile(rb"-\d{1,9}")
-_PLAIN_VERTEX: Final = re.compile(rb"^([ \t]*v(?:[ \t]+\S+){3})(?=[ \t]*\r?$)", re.MULTILINE)
-_COLORED_VERTEX: Final = re.compile(rb"^([ \t]*v(?:[ \t]+\S+){3})[ \t]+(\S+)[ \t]+(\S+)[ \t]+(\S+)", re.MULTILINE)
-_POSITION: Final = re.compile(rb"^[ \t]*v((?:[ \t]+[^\s]+){3})", re.MULTILINE)
-_POLYGON: Final = re.compile(rb"^[ \t]*f(?=[ \t])((?:[ \t]+[\d/]+){4,})[ \t]*(?:#[^\r\n]*)?\r?$", re.MULTILINE)
-"""Face with four or more corners."""
-_OTHER_INDICES: Final = re.compile(rb"/[\d/]*")
-_NAME_COMMENT: Final = re.compile(rb"^((?:usemtl|mtllib) [^\r\n#]*) #[^\r\n]*", re.MULTILINE)
-_INDENTATION: Final = re.compile(rb"^ +(?=\S)", re.MULTILINE)
-_MISSING: Final = 999_999_999
-"""Index that trimesh refuses; one below 1 would count from the end of the file."""
+_CORNER: Final = re.compile(rb"(-?\d{1,9})(?:/(-?\d{1,9})?)?(?:/(-?\d{1,9})?)?")
+"""Corner of a face: vertex, texture coordinates and normal, counted from 1, or below 0 back from the face's line."""
+_BETWEEN_LIBRARIES: Final = re.compile(r"(?<=\.mtl)\s+", re.IGNORECASE)
+"""Blanks between the names of MTL files in a statement; a name may have blanks, too."""
+_TEXTURE_OPTION: Final = re.compile(r"-[a-zA-Z]+(?:\s+(?:on|off|[rgbmlz]|[-+.\deE]+))+\s+")
+"""Option before a texture's name in an MTL file, such as ``-clamp on`` and ``-s 1 1 1``."""
+_WITHOUT_EFFECT: Final = frozenset({"-blendu", "-blendv", "-bm", "-boost", "-texres"})
+"""Options of filters, and of other textures than colours."""
+_MAX_NAMED: Final = 5
+"""Maximum number of names in a warning."""
+_Statements = dict[str, str]
+"""Statements of a material in an MTL file by keyword, in lower case."""
 
 
-def with_plain_blanks(data: bytes) -> bytes:
-    """Return an OBJ or MTL file without a byte order mark, indentation, tabs, and comments behind names."""
-    data = _NAME_COMMENT.sub(rb"\1", data.removeprefix(b"\xef\xbb\xbf").replace(b"\t", b" "))
-    return _INDENTATION.sub(b"", data) if b"\n " in data or data.startswith(b" ") else data
+@dataclass(slots=True, eq=False)
+class _Faces:
+    """Faces of one material."""
+
+    corners: dict[bytes, int] = field(default_factory=dict)
+    """Different corners as they are written, such as ``7/3``, and their numbers."""
+    indices: array[int] = field(default_factory=lambda: array("q"))
+    """Numbers of the corners of all faces."""
+    sizes: array[int] = field(default_factory=lambda: array("q"))
+    """Number of corners of each face."""
+    lines: array[int] = field(default_factory=lambda: array("q"))
+    """Line of each face, from 1."""
 
 
-def with_absolute_faces(data: bytes) -> bytes:
-    """Return the file with negative indices of faces replaced by positive ones, and continued lines joined.
+@dataclass(slots=True, eq=False)
+class _ObjFile:
+    """Statements of a file."""
 
-    A negative index counts back from the face's own line. trimesh counts from the end of the file. Each statement keeps
-    its line.
+    vertices: list[bytes] = field(default_factory=list)
+    """Three coordinates of each vertex."""
+    colors: dict[int, list[bytes]] = field(default_factory=dict)
+    """Red, green and blue of vertices by their index."""
+    uv: list[bytes] = field(default_factory=list)
+    """Two coordinates each."""
+    normals: list[bytes] = field(default_factory=list)
+    """Three coordinates each."""
+    faces: defaultdict[str, _Faces] = field(default_factory=lambda: defaultdict(_Faces))
+    """Faces by the name of their material; empty before the first ``usemtl``."""
+    libraries: list[str] = field(default_factory=list)
+    """Names of MTL files, as the statements ``mtllib`` have them."""
+    broken: list[int] = field(default_factory=list)
+    """Lines of faces that cannot be drawn."""
+    face_count: int = 0
+
+
+def read_obj(data: bytes, read_file: ReadFile, textures: TextureFiles, options: MeshOptions, content: MeshData) -> None:
+    """Add a shape for each material to ``content``, or the points of a file without faces.
+
+    Raises ValueError if the file is damaged; MeshFaultError if it has no face that can be drawn, or is beyond a limit.
     """
-    if not _CONTINUED.search(data) and not _RELATIVE_FACE.search(data):
-        return data
-    lines = _joined(data.splitlines())
-    counts = dict.fromkeys(_KINDS, 0)
-    for number, line in enumerate(lines):
-        statement = line.split(maxsplit=1)[:1]
-        if statement == [b"f"]:
-            corners = (corner.split(b"/") for corner in line.partition(b"#")[0].split()[1:])
-            lines[number] = b"f " + b" ".join(_absolute(corner, counts) for corner in corners)
-        elif statement and statement[0] in counts:
-            counts[statement[0]] += 1
-    return b"\n".join(lines)
+    file = _read_statements(data, options.submesh)
+    vertices = _numbers(file.vertices, 3)
+    colors = _colors_of(file, len(vertices))
+    if not file.face_count:
+        if options.submesh:
+            raise MeshFaultError(f"it has no group {options.submesh[:60]!r} with faces")
+        shapes = [shape_of(vertices, None, content.warnings, colors=colors) if len(vertices) else None]
+    else:
+        materials, folders = _read_materials(file.libraries, read_file)
+        if materials and (undefined := {*file.faces} - {"", *materials}):
+            names = ", ".join(sorted(repr(name[:60]) for name in undefined)[:_MAX_NAMED])
+            start = f"materials of usemtl that no MTL file defines ({len(undefined)})"
+            content.warnings.append(f"{start}: {names}; they are white")
+        _check_limits(file, options)
+        uv, normals = _numbers(file.uv, 2), _numbers(file.normals, 3)
+        shapes = []
+        for name, faces in file.faces.items():
+            shape = _shape_of(file, faces, vertices, colors, uv, normals, content.warnings)
+            if shape is not None and name in materials:
+                _set_material(shape, materials[name], folders, textures, content.warnings)
+            shapes.append(shape)
+        if file.broken:
+            line = min(file.broken)
+            text = data.splitlines()[line - 1][:60].decode("ascii", "replace").strip()
+            sentence = f"{len(file.broken)} of {file.face_count} faces are left out, such as {text!r} in line {line}"
+            if len(file.broken) == file.face_count:
+                raise MeshFaultError(sentence)
+            content.warnings.append(sentence)
+    content.shapes = [shape for shape in shapes if shape is not None]
+    content.instances = [(number, np.eye(4).tobytes()) for number in range(len(content.shapes))]
 
 
-def with_convex_faces(data: bytes) -> bytes:
-    """Return a file of ``with_absolute_faces`` with triangles in place of concave faces: trimesh makes fans."""
-    faces: list[bytes] = _POLYGON.findall(data)
-    positions = np.fromstring(b" ".join(_POSITION.findall(data)) if faces else b"", np.float64, sep=" ")
-    if not faces or len(positions) % 3:
-        return data
-    indices, sizes = _indices(b"\n".join(faces), len(faces))
-    starts = np.cumsum(sizes) - sizes
-    triangles = dict(ears_of_concave_polygons(indices - 1, starts, sizes, positions.reshape(-1, 3)))
-    if not triangles:
-        return data
-    number = -1
-
-    def cut(match: re.Match[bytes]) -> bytes:
-        nonlocal number
-        number += 1
-        if number not in triangles:
-            return match[0]
-        corners = match[1].split()
-        return b"\n".join(
-            b"f %s %s %s" % tuple(corners[corner] for corner in ear) for ear in triangles[number].tolist()
-        )
-
-    return _POLYGON.sub(cut, data)
-
-
-def _indices(text: bytes, lines: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Return the vertices of the corners of faces, and the number of corners in each line, (``lines``,)."""
-    characters = np.frombuffer(b" " + text, np.uint8)
-    is_blank = characters <= ord(" ")
-    line = np.cumsum(characters == ord("\n"), dtype=np.int32)[1:]
-    sizes = np.bincount(line[is_blank[:-1] & ~is_blank[1:]], minlength=lines)
-    corners, plain = int(sizes.sum()), text.replace(b"//", b"/")
-    slashes = plain.count(b"/")
-    if slashes % corners == 0:  # most files have the same indices at all corners
-        numbers = np.fromstring(plain.replace(b"/", b" "), np.int64, sep=" ")
-        if len(numbers) == corners + slashes:
-            return numbers[:: 1 + slashes // corners], sizes
-    return np.fromstring(_OTHER_INDICES.sub(b"", text), np.int64, sep=" "), sizes
-
-
-def with_unit_colors(data: bytes) -> bytes:
-    """Return the file with colours of vertices from 0 to 1, which are also written from 0 to 255 or 65535.
-
-    If only some objects have colours, the vertices of the others become white: trimesh reads all colours or none.
-    """
-    first = _POSITION.search(data)
-    if first is None or (data.count(b"\no ") < 2 and not _COLORED_VERTEX.match(data, first.start())):
-        return data
-    try:
-        largest = max((max(map(float, match.groups()[1:])) for match in _COLORED_VERTEX.finditer(data)), default=None)
-    except ValueError:
-        return data
-    if largest is None:
-        return data
-    if 2.0 <= largest < float("inf"):
-        full = 255.0 if largest <= 255.0 else 65535.0
-
-        def scaled(match: re.Match[bytes]) -> bytes:
-            return b" ".join((match[1], *(b"%.6f" % (float(channel) / full) for channel in match.groups()[1:])))
-
-        data = _COLORED_VERTEX.sub(scaled, data)
-    return _PLAIN_VERTEX.sub(rb"\1 1 1 1", data)
+def _read_statements(data: bytes, submesh: str) -> _ObjFile:
+    """Return the statements of a file; faces of a group or object only, unless the name ``submesh`` is empty."""
+    file = _ObjFile()
+    material, is_shown = "", not submesh
+    begun: list[bytes] = []
+    for number, line in enumerate(data.removeprefix(b"\xef\xbb\xbf").splitlines(), 1):
+        if line.endswith(b"\\"):
+            begun.append(line[:-1])
+            continue
+        if begun:
+            line = b" ".join((*begun, line))
+            begun = []
+        keyword, *words = line.split() or [b""]
+        if b"#" in line:
+            words = words[: next((k for k, word in enumerate(words) if word.startswith(b"#")), len(words))]
+        if keyword == b"v" and len(words) >= 3:
+            if len(words) >= 6:
+                file.colors[len(file.vertices) // 3] = words[3:6]
+            file.vertices += words[:3]
+        elif keyword == b"vt" and words:
+            file.uv += (*words, b"0")[:2]
+        elif keyword == b"vn" and len(words) == 3:
+            file.normals += words
+        elif keyword == b"f" and is_shown:
+            file.face_count += 1
+            if len(words) < 3:
+                file.broken.append(number)
+                continue
+            if b"-" in line:
+                words = [_absolute(corner, file) for corner in words]
+            faces = file.faces[material]
+            known = faces.corners
+            faces.indices.extend([known.setdefault(corner, len(known)) for corner in words])
+            faces.sizes.append(len(words))
+            faces.lines.append(number)
+        elif keyword == b"usemtl":
+            material = b" ".join(words).decode("utf-8", "replace")
+        elif keyword == b"mtllib":
+            file.libraries.append(b" ".join(words).decode("utf-8", "replace").strip('"'))
+        elif submesh and keyword in (b"o", b"g"):
+            is_shown = submesh.encode() in (*words, b" ".join(words))
+    return file
 
 
-def with_one_group(data: bytes, name: str) -> bytes:
-    """Return the file with the faces of the objects and groups of a name only. Raises MeshFaultError if it has none."""
-    lines, is_shown, count = data.splitlines(), False, 0
-    for number, line in enumerate(lines):
-        match line.split():
-            case [b"o" | b"g", *names]:
-                is_shown = name.encode() in (*names, b" ".join(names))
-            case [b"f", *_]:
-                count += is_shown
-                lines[number] = line if is_shown else b""
-    if not count:
-        raise MeshFaultError(f"it has no group {name[:60]!r} with faces")
-    return b"\n".join(lines)
-
-
-def _joined(lines: list[bytes]) -> list[bytes]:
-    """Return lines in which one with a backslash at its end holds the next ones, too, and these are empty."""
-    joined: list[bytes] = []
-    parts: list[bytes] = []
-    for line in lines:
-        parts.append(line.removesuffix(b"\\"))
-        if not line.endswith(b"\\"):
-            joined += [b" ".join(parts), *[b""] * (len(parts) - 1)]
-            parts = []
-    return [*joined, b" ".join(parts)]
-
-
-def _absolute(corner: list[bytes], counts: dict[bytes, int]) -> bytes:
-    """Return a corner of a face with positive indices of vertex, texture coordinates and normal.
-
-    ``counts``: number of each of them in the lines before the face.
-    """
-    indices = [
-        b"%d" % (count + 1 + int(index) if -int(index) <= count else _MISSING) if _NEGATIVE.fullmatch(index) else index
-        for index, count in zip(corner, counts.values(), strict=False)
-    ]
-    return b"/".join(indices)
-
-
-def without_broken_faces(data: bytes, original: bytes, warnings: list[str]) -> bytes:
-    """Return a file of ``with_absolute_faces`` without faces that are not three or more corners that exist.
-
-    A sentence is appended with their number, and the first one with its line in ``original``. Raises MeshFaultError if
-    all are broken.
-    """
-    lines = data.splitlines()
-    statements = [line.split(maxsplit=1)[:1] for line in lines]
-    for number, statement in enumerate(statements):
-        if statement == [b"f"]:
-            lines[number] = lines[number].partition(b"#")[0]  # trimesh reads no comments behind faces
-    counts = [sum(statement == [kind] for statement in statements) for kind in _KINDS]
-    broken = [
-        number
-        for number, (line, statement) in enumerate(zip(lines, statements, strict=True))
-        if statement == [b"f"] and not _is_face(line.split()[1:], counts)
-    ]
-    if broken:
-        total = sum(statement == [b"f"] for statement in statements)
-        first = original.splitlines()[broken[0]][:60].decode("ascii", "replace").strip()
-        sentence = f"{len(broken)} of {total} faces are left out, such as {first!r} in line {broken[0] + 1}"
-        if len(broken) == total:
-            raise MeshFaultError(sentence)
-        warnings.append(sentence)
-    for number in broken:
-        lines[number] = b""
-    return b"\n".join(lines)
-
-
-def _is_face(corners: list[bytes], counts: list[int]) -> bool:
-    """Return True for three or more corners of existing vertices, texture coordinates and normals."""
-    matches = [_CORNER.fullmatch(corner) for corner in corners]
-    return len(corners) >= 3 and all(
-        match
-        and all(not index or 1 <= int(index) <= count for index, count in zip(match.groups(), counts, strict=True))
-        for match in matches
+def _absolute(corner: bytes, file: _ObjFile) -> bytes:
+    """Return a corner with indices from 1 in place of those that count back from here."""
+    counts = len(file.vertices) // 3, len(file.uv) // 2, len(file.normals) // 3
+    match = _CORNER.fullmatch(corner)
+    if match is None:
+        return corner
+    indices = [int(index or 0) for index in match.groups()]
+    return b"%d/%d/%d" % tuple(
+        max(index + count + 1, 0) if index < 0 else index for index, count in zip(indices, counts, strict=True)
     )
+
+
+def _numbers(words: list[bytes], columns: int) -> NDArray[np.float64]:
+    """Return numbers in rows. Raises ValueError if one cannot be read."""
+    numbers = np.fromstring(b" ".join(words), np.float64, sep=" ")
+    if len(numbers) != len(words):
+        raise ValueError("it has a number that cannot be read")
+    return numbers.reshape(-1, columns)
+
+
+def _colors_of(file: _ObjFile, count: int) -> NDArray[np.uint8] | None:
+    """Return the sRGB colours of vertices, (count, 4), white for those without; None if no vertex has one."""
+    if not file.colors:
+        return None
+    colors = np.full((count, 4), 255, np.uint8)
+    colors[list(file.colors), :3] = srgb_bytes(_numbers([each for rgb in file.colors.values() for each in rgb], 3))
+    return colors
+
+
+def _check_limits(file: _ObjFile, options: MeshOptions) -> None:
+    if len(file.faces) > options.max_instances:
+        raise MeshFaultError(f"it has {len(file.faces)} parts, the limit is {options.max_instances}")
+    vertices = sum(len(faces.corners) for faces in file.faces.values())
+    triangles = sum(len(faces.indices) - 2 * len(faces.sizes) for faces in file.faces.values())
+    if vertices > options.max_vertices or triangles > options.max_elements:
+        raise MeshFaultError(f"it has more than {options.max_vertices} vertices or {options.max_elements} triangles")
+
+
+def _shape_of(
+    file: _ObjFile,
+    faces: _Faces,
+    vertices: NDArray[np.float64],
+    colors: NDArray[np.uint8] | None,
+    uv: NDArray[np.float64],
+    normals: NDArray[np.float64],
+    warnings: list[str],
+) -> Shape | None:
+    """Return the triangles of faces, whose different corners are its vertices. Broken faces are added to ``file``."""
+    parsed = np.zeros((len(faces.corners), 3), np.int64)
+    """Indices of each corner from 1; 0: it has none."""
+    for corner, number in faces.corners.items():
+        if match := _CORNER.fullmatch(corner):
+            parsed[number] = [int(index or 0) for index in match.groups()]
+    parsed[(parsed < 0) | (parsed > (len(vertices), len(uv), len(normals)))] = 0
+    indices, sizes = np.array(faces.indices), np.array(faces.sizes)
+    starts = np.cumsum(sizes) - sizes
+    is_whole = np.logical_and.reduceat(parsed[indices, 0] > 0, starts)
+    file.broken += np.array(faces.lines)[~is_whole].tolist()
+    used = parsed - 1
+    positions = vertices[used[:, 0]]
+    triangles = triangles_of_polygons(indices, starts[is_whole], sizes[is_whole], positions)
+    has_uv, has_normals = (used[:, 1] >= 0).any(), (used[:, 2] >= 0).all()
+    return shape_of(
+        positions,
+        triangles,
+        warnings,
+        normals=normals[used[:, 2]] if has_normals else None,
+        uv=np.where(used[:, 1:2] >= 0, uv[used[:, 1]], 0.0) if has_uv else None,
+        colors=None if colors is None else colors[used[:, 0]],
+    )
+
+
+def _read_materials(libraries: list[str], read_file: ReadFile) -> tuple[dict[str, _Statements], list[str]]:
+    """Return the statements of each material in the MTL files, and the folders of these files."""
+    materials: dict[str, _Statements] = {}
+    folders: list[str] = []
+    for name in dict.fromkeys(name for line in libraries for name in _BETWEEN_LIBRARIES.split(line)):
+        try:
+            text = read_file(name).decode("utf-8", "replace").removeprefix("\ufeff")
+        except OSError:
+            continue
+        folders.append(name[: max(name.rfind("/"), name.rfind("\\")) + 1])
+        material: _Statements = {}
+        for line in text.splitlines():
+            keyword, _, value = line.replace("\t", " ").strip().partition(" ")
+            keyword = keyword.lower()
+            if not keyword.startswith("map"):
+                value = value.partition(" #")[0]
+            if keyword == "newmtl":
+                material = materials[value.strip()] = {}
+            else:
+                material[keyword] = value.strip()
+    return materials, folders
+
+
+def _set_material(
+    shape: Shape, material: _Statements, folders: list[str], textures: TextureFiles, warnings: list[str]
+) -> None:
+    """Set the colours and the texture of a shape, whose texture coordinates are kept without a texture, too."""
+    map_kd = material.get("map_kd", "")
+    image = textures.index(_texture_name(map_kd), folders) if map_kd else None
+    color = _color(material, "kd") or (1.0, 1.0, 1.0)
+    if image is not None and shape.uv is not None:
+        shape.image, shape.colors = image, None
+        _place_texture(shape, map_kd, warnings)
+        if not any(color):  # a black one would hide the texture
+            color = (1.0, 1.0, 1.0)
+    map_d = _texture_name(material.get("map_d", ""))
+    if map_d and (shape.image is None or map_d != _texture_name(map_kd)):  # the alpha of map_Kd is drawn
+        warnings.append(f"map_d {map_d[:60]!r} is ignored, as only the alpha of map_Kd is read")
+    shape.color = (*color, _opacity(material))
+    shape.emission = _color(material, "ke") or (0.0, 0.0, 0.0)
+
+
+def _color(material: _Statements, keyword: str) -> tuple[float, float, float] | None:
+    """Return an sRGB colour, of which one number is a grey; None without."""
+    with contextlib.suppress(ValueError):
+        match [float(word) for word in material.get(keyword, "").split()]:
+            case [red, green, blue, *_]:
+                return red, green, blue
+            case [grey]:
+                return grey, grey, grey
+    return None
+
+
+def _opacity(material: _Statements) -> float:
+    """Return the opacity of a material: its ``d``, or 1 - ``Tr``. The default is 1."""
+    for keyword in ("d", "tr"):
+        with contextlib.suppress(ValueError):
+            value = float(material.get(keyword, "").rpartition(" ")[2])
+            if math.isfinite(value):
+                return value if keyword == "d" else 1.0 - value
+    return 1.0
+
+
+def _texture_name(statement: str) -> str:
+    """Return the file name in a statement of an MTL file, without the options before it."""
+    name = _TEXTURE_OPTION.sub("", statement) if statement.startswith("-") else statement
+    return name[1:-1] if name[:1] == name[-1:] == '"' else name
+
+
+def _place_texture(shape: Shape, statement: str, warnings: list[str]) -> None:
+    """Scale texture coordinates by ``-s`` and move them by ``-o``; others that matter are a warning."""
+    assert shape.uv is not None
+    scale, offset = np.ones(2, np.float32), np.zeros(2, np.float32)
+    ignored: list[str] = []
+    for option in _TEXTURE_OPTION.findall(statement) if statement.startswith("-") else ():
+        name, *values = option.split()
+        if name in ("-s", "-o"):
+            with contextlib.suppress(ValueError):
+                numbers = np.array(values[:2], np.float32)
+                (scale if name == "-s" else offset)[: len(numbers)] = numbers
+        elif name not in _WITHOUT_EFFECT and values != ["off"]:
+            ignored.append(option.strip())
+    uv = np.frombuffer(shape.uv, np.float32).reshape(-1, 2) * (1, -1) + (0, 1)  # (0, 0) is bottom left here
+    uv = uv * scale + offset
+    shape.uv = (uv * (1, -1) + (0, 1)).astype(np.float32).tobytes()
+    if ignored != ["-clamp on"] or uv.min() < 0.0 or uv.max() > 1.0:
+        warnings += [f"the option {option!r} of map_Kd is ignored" for option in ignored]

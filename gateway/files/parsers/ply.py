@@ -214,7 +214,7 @@ def _check_limits(vertices: int, triangles: int, options: MeshOptions) -> None:
 def _read_columns(body: bytes, elements: list[_Element], is_text: bool) -> dict[str, _Columns]:
     """Return the properties of all elements. Text is read as if its numbers were binary float64. Raises ValueError."""
     if is_text:
-        body = np.array(body.split(), np.float64).tobytes()
+        body = np.fromstring(body, np.float64, sep=" ").tobytes()
     place = 0
     columns: dict[str, _Columns] = {}
     for element in elements:

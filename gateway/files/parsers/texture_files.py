@@ -1,7 +1,7 @@
 """Reads the textures that a mesh file refers to, and encodes those as PNG that the server does not decode."""
 
 import io
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from typing import Final
 
 from PIL import Image
@@ -25,11 +25,15 @@ class TextureFiles:
         self._index_by_name: dict[str, int | None] = {}
         self._index_by_data: dict[bytes, int] = {}
 
-    def index(self, name: str) -> int | None:
-        """Return the index of a texture in the content's images; None if it cannot be read."""
+    def index(self, name: str, folders: Iterable[str] = ()) -> int | None:
+        """Return the index of a texture in the content's images; None if it cannot be read.
+
+        ``folders``: further places of the file, relative to the mesh file; each ends with a slash, or is empty.
+        """
         if name not in self._index_by_name:
             try:
-                self._index_by_name[name] = self.add(name, self.encoded(name, self._read_file(name)))
+                names = "\n".join(dict.fromkeys((name, *(folder + name for folder in folders))))
+                self._index_by_name[name] = self.add(name, self.encoded(name, self._read_file(names)))
             except OSError:
                 self._index_by_name[name] = None
         return self._index_by_name[name]

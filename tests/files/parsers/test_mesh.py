@@ -121,8 +121,8 @@ CORNER_LINES = "v 0 0 0\nv 1 0 0\nv 0 1 0\n"
     [
         (
             "vt 0 0\nf 1 2 3\nf 1/1 2/1 3/1 # all\nf 1 2 9\nf a b c\nf 1 2\nf 1/2 2/1 3/1\nf 1 2 0\nf -1 -2 -3\n",
-            3,
-            "5 of 8 faces are left out, such as 'f 1 2 9' in line 7",
+            4,
+            "4 of 8 faces are left out, such as 'f 1 2 9' in line 7",
         ),
         ("f -3 -2 \\\n-1\nf -6 -2 -1\n", 1, "1 of 2 faces are left out, such as 'f -6 -2 -1' in line 6"),
     ],
