@@ -34,7 +34,7 @@ _COLOR_NAMES: Final = (
 )
 """Properties of colours: red, green, blue, and names of the opacity."""
 _FLOAT64: Final = np.dtype(np.float64)
-_TEXTURE_FILE: Final = re.compile(r"^comment\s+texturefile[ \t]*(.*)", re.IGNORECASE | re.MULTILINE)
+_TEXTURE_FILE: Final = re.compile(r"^comment[ \t]+(?i:texturefile)[ \t]*(.*)", re.MULTILINE)
 
 
 class _Property(NamedTuple):
