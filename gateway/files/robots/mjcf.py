@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gateway.files.robots.limits import RobotLimits
-from gateway.files.robots.mjcf_files import MjcfFiles
+from gateway.files.robots.mjcf_files import read_mjcf_files
 from gateway.files.robots.mjcf_geometry import MjcfGeometry
 from gateway.files.robots.robot import Robot
 from gateway.runtime.workers.limited_process import ProcessFailed, ProcessLimits, call_limited
@@ -42,11 +42,8 @@ def read_mjcf(root: Element, files: RobotFiles, use: GeometryUse, keyframe: str,
     except ImportError as error:
         needed = f"MJCF files need the package mujoco ({error}): pip install 'scenegate[robots]'; URDF files do not"
         raise ImportError(needed) from None
-    mjcf_files = MjcfFiles(root, files, limits)
-    try:
-        model, compiler_warnings = _compiled(mujoco, files.path, limits)
-    except RobotFileError as error:
-        raise RobotFileError(f"{mjcf_files.link_prefix(str(error))}{error}") from None
+    read_mjcf_files(root, files, limits)
+    model, compiler_warnings = _compiled(mujoco, files.path, limits)
     check_count(model.nbody, limits.max_links, "bodies")
     check_count(model.njnt, limits.max_links, "joints")
     check_count(model.ngeom, limits.max_geometries, "geometries")

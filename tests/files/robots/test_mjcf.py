@@ -271,7 +271,7 @@ def test_joint_equality_is_a_mimic(tmp_path: Path) -> None:
                 '<body name="arm"><geom type="mesh" mesh="x"/></body>',
                 '<asset><mesh name="x" file="robot.xml" content_type="model/stl"/></asset>',
             ),
-            "link 'arm': MuJoCo cannot compile it: ",
+            "MuJoCo cannot compile it: ",
         ),
         ('<mujoco><include file="none.xml"/></mujoco>', "MuJoCo cannot compile it: "),
     ],
