@@ -54,7 +54,7 @@ class FramesInFlight:
     tasks: set[asyncio.Task[Any]] = field(default_factory=set)
     """One task per frame."""
     last: FrameImages | None = None
-    """Newest frame, finished or not."""
+    """Newest depth frame, finished or not."""
 
     def __len__(self) -> int:
         return len(self.tasks)
@@ -93,11 +93,8 @@ class FramePublisher:
         self._event_clients = events
         self._config = config
 
-    def spawn(
-        self, frames: FramesInFlight, make_frame: Coroutine[Any, Any, object], newest: FrameImages | None = None
-    ) -> None:
-        """Run ``make_frame`` in a task that is one of ``frames``; ``newest``: the newest of them from now on."""
-        frames.last = newest or frames.last
+    def spawn(self, frames: FramesInFlight, make_frame: Coroutine[Any, Any, object]) -> None:
+        """Run ``make_frame`` in a task that is one of ``frames``."""
         task = asyncio.get_running_loop().create_task(make_frame)
         frames.tasks.add(task)
         task.add_done_callback(frames.tasks.discard)
@@ -112,7 +109,7 @@ class FramePublisher:
         """Make and publish the sets of a frame."""
         start = asyncio.get_running_loop().time()
         with tracing.span("stereo frame", attributes={"stereo.frame": frame.record.number}):
-            published = await asyncio.gather(*[self.publish_set(frame, kind) for kind in kinds])
+            published = await asyncio.gather(*[self._publish_set(frame, kind) for kind in kinds])
         if all(published):
             self.counts.problem = ""
         seconds = asyncio.get_running_loop().time() - start
@@ -144,8 +141,8 @@ class FramePublisher:
         self.counts.problem = message
         self.hub.end_streams(kind, message)
 
-    async def publish_set(self, frame: FrameImages, kind: SetKind) -> bool:
-        """Make and publish one set of a frame; return True if it was made. The frame is not counted."""
+    async def _publish_set(self, frame: FrameImages, kind: SetKind) -> bool:
+        """Make and publish one set of a frame; return True if it was made."""
         number = frame.record.number
         try:
             with tracing.span("stereo set", attributes={"stereo.set": kind.title}):

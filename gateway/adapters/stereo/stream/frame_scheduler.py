@@ -230,8 +230,6 @@ class FrameScheduler:
         hub.scheduler_wakeup.clear()
         if bool(hub.kinds) != self._streaming:
             self._set_streaming(bool(hub.kinds))
-        while hub.new_kinds:
-            self._repeat_last_frame(hub.new_kinds.pop())
         camera_kinds, depth_kinds = self._urgent_kinds() if self._unlimited else (hub.camera_kinds, hub.depth_kinds)
         if not camera_kinds and not depth_kinds:
             return math.inf
@@ -265,7 +263,7 @@ class FrameScheduler:
         self._on_streaming(streaming)
         if not streaming:
             self._cancel_frames()
-            self._camera_frames.last = self._depth_frames.last = None
+            self._depth_frames.last = None
             self._clock.stop_schedule()
 
     def _urgent_kinds(self) -> tuple[_Kinds, _Kinds]:
@@ -329,13 +327,14 @@ class FrameScheduler:
         if not settings.separate_depth:
             frame = self._new_frame(record, kinds)
             if camera_kinds:
-                publisher.spawn(self._camera_frames, publisher.publish_sets(frame, camera_kinds), frame)
+                publisher.spawn(self._camera_frames, publisher.publish_sets(frame, camera_kinds))
             if depth_kinds:
-                publisher.spawn(self._depth_frames, publisher.publish_depth_sets(frame, depth_kinds), frame)
+                self._depth_frames.last = frame
+                publisher.spawn(self._depth_frames, publisher.publish_depth_sets(frame, depth_kinds))
             return
         if camera_kinds:
             frame = self._new_frame(record, camera_kinds)
-            publisher.spawn(self._camera_frames, publisher.publish_sets(frame, camera_kinds), frame)
+            publisher.spawn(self._camera_frames, publisher.publish_sets(frame, camera_kinds))
         if depth_kinds:
             clock.delay_for_alternate_exposure(settings)
             publisher.spawn(self._depth_frames, self._expose_depth(record, timestamp, depth_kinds))
@@ -375,17 +374,6 @@ class FrameScheduler:
             for kind in kinds:
                 self._publisher.end_streams(kind, "the scene could not be read", error)
         return None
-
-    def _repeat_last_frame(self, kind: SetKind) -> None:
-        """Send the last frame to new clients if it is still current, so that they do not wait for the next frame."""
-        publisher, settings = self._publisher, self.settings
-        frame = self._depth_frames.last if kind.has_depth else self._camera_frames.last
-        if frame is None or frame.record.generation != self._hub.generation or settings.single_frame:
-            return
-        rate = settings.depth_rate if kind.has_depth else settings.camera_rate
-        now = publisher.sent_timestamp(self._clock.current_timestamp())
-        if now - frame.record.depth_capture.timestamp < NANOSECONDS_PER_SECOND / rate:
-            publisher.spawn(self._camera_frames, publisher.publish_set(frame, kind))
 
 
 async def _wait(event: asyncio.Event, seconds: float) -> None:

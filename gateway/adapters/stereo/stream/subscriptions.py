@@ -219,8 +219,6 @@ class ImageSetHub(_Hub[Subscription]):
         """Kinds without depth images."""
         self.depth_kinds: tuple[SetKind, ...] = ()
         """Kinds with depth images."""
-        self.new_kinds: set[SetKind] = set()
-        """Kinds of new subscriptions. The frame scheduler sends them the last frame, and empties this set."""
         self.sent = 0
         """Number of sets taken by all clients since start."""
         self.skipped = 0
@@ -239,7 +237,6 @@ class ImageSetHub(_Hub[Subscription]):
             with self._opened(subscription):
                 if kind not in self.kinds and len(self.kinds) >= self._max_kinds:
                     raise LimitError(f"{self._max_kinds} different requests are served already, the limit (max_kinds)")
-                self.new_kinds.add(kind)
                 self._update_kinds()
                 yield subscription
         finally:
@@ -250,7 +247,6 @@ class ImageSetHub(_Hub[Subscription]):
         self.kinds = frozenset(s.kind for s in self._streams)
         self.camera_kinds = tuple(kind for kind in self.kinds if not kind.has_depth)
         self.depth_kinds = tuple(kind for kind in self.kinds if kind.has_depth)
-        self.new_kinds &= self.kinds
         self.scheduler_wakeup.set()
 
     def start_generation(self) -> None:

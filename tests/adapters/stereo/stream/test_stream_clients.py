@@ -84,16 +84,6 @@ async def test_limits_of_clients_and_kinds(start: Start) -> None:
     await camera.take(left_enabled=True)
 
 
-async def test_new_clients_get_a_set_at_once(start: Start) -> None:
-    camera = await start()
-    camera.service.parameters.set("rc_stereomatching", [("quality", "Full")])  # one depth image per second
-    first = camera.stream(disparity_enabled=True)
-    image_set = await first.read()
-    (two,) = await camera.take(disparity_enabled=True, left_enabled=True)
-    assert two.timestamp == image_set.timestamp
-    assert camera.service.counts.frames <= len(camera.service.history), "the repeated frame is counted once"
-
-
 async def test_streams_opened_after_a_parameter_change_get_no_older_set(start: Start) -> None:
     taking, go = threading.Event(), threading.Event()
     drawn = table()
