@@ -107,7 +107,7 @@ def test_doctor_names_the_gateway_at_all_its_ports() -> None:
         health = {**HEALTH, "interfaces": {"stereo": {"port": grpc.getsockname()[1]}}}
         with answering(lambda _: (200, json.dumps(health).encode())) as port:
             ports = {"--http-port": ("HTTP", port), "--grpc-port": ("gRPC", grpc.getsockname()[1])}
-            found = {finding.subject: finding for finding in findings("127.0.0.1", ports, 1)}
+            found = {finding.subject: finding for finding in findings("127.0.0.1", ports)}
     for flag, (name, number) in ports.items():
         finding = found[f"port {number}"]
         assert finding.verdict is Verdict.NOTE
