@@ -31,18 +31,18 @@ def test_each_finding_is_shown_with_its_meaning_and_remedy(
     good: bool,
     summary: str,
 ) -> None:
-    asked: list[tuple[str, Ports, int]] = []
+    asked: list[tuple[str, Ports]] = []
 
-    def findings(host: str, ports: Ports, threads: int) -> Iterator[Finding]:
-        asked.append((host, ports, threads))
+    def findings(host: str, ports: Ports) -> Iterator[Finding]:
+        asked.append((host, ports))
         yield from rows
 
     monkeypatch.setattr(doctor, "installation_findings", lambda: iter(()))
     monkeypatch.setattr(diagnostics, "findings", findings)
-    for name, value in (("HTTP_PORT", "1"), ("GRPC_PORT", "2"), ("TCPQ_PORT", "off"), ("THREADS", "5")):
+    for name, value in (("HTTP_PORT", "1"), ("GRPC_PORT", "2"), ("TCPQ_PORT", "off")):
         monkeypatch.setenv(f"SCENEGATE_{name}", value)
     assert doctor.print_findings() == good
-    assert asked == [("127.0.0.1", {"--http-port": ("HTTP", 1), "--grpc-port": ("gRPC", 2)}, 5)]
+    assert asked == [("127.0.0.1", {"--http-port": ("HTTP", 1), "--grpc-port": ("gRPC", 2)})]
     lines = [line.rstrip() for line in capsys.readouterr().out.splitlines()]
     assert lines[-1] == summary
     for row in rows:
