@@ -77,7 +77,7 @@ class Rasterizer(Protocol):
         cull_back: NDArray[np.bool_] | None = None,
         behind: Visibility | None = None,
         in_front_of: Visibility | None = None,
-        ids_below: NDArray[np.int32] | None = None,
+        id_limits: NDArray[np.int32] | None = None,
         latest: bool = False,
     ) -> Visibility:
         """Return the nearest surface of every pixel. At equal depth, the higher primitive id wins.
@@ -91,7 +91,7 @@ class Rasterizer(Protocol):
                 the layer sees nothing, nothing is drawn.
             in_front_of: layer of other instances, as if drawn first; surfaces behind it are not drawn, those at the
                 same depth are. Where the layer sees nothing, all are.
-            ids_below: (H, W) int32, ids; only primitives with lower ids than these are drawn.
+            id_limits: (H, W) int32, ids; only primitives with lower ids than these are drawn.
             latest: return the surface with the highest id instead of the nearest one; ``inv_z`` is undefined then.
         """
         ...

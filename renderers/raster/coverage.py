@@ -15,7 +15,7 @@ from renderers.raster.depth_test import ANY_ORDER, IN_ORDER, PEELED, depth_test,
 from renderers.raster.fill import Pixel, make_fill
 from renderers.raster.layer import set_band_layer
 from renderers.raster.layout import (
-    FIRST_PASS,
+    COLOR_FACES,
     HALF_PIXEL,
     KEPT_BACK_BIT,
     KEPT_BACK_FACES,
@@ -93,13 +93,7 @@ def _draw_span_with_rule(
 
 @device_function
 def _draw_span(
-    frame: RasterFrame,
-    target: _Target,
-    primitive: Primitive,
-    row: I64,
-    start: I64,
-    stop: I64,
-    base: Pixel,
+    frame: RasterFrame, target: _Target, primitive: Primitive, row: I64, start: I64, stop: I64, base: Pixel
 ) -> None:
     """Draw the pixels ``start .. stop`` of a row."""
     # Inlined twice: with the constant IN_ORDER, the code of the other rules is dropped.
@@ -196,7 +190,7 @@ def _depth_rule(frame: RasterFrame, faces: I64) -> I64:
         # Drawn after the front faces, some of which have higher ids. Never PEELED: only opaque frames keep back faces.
         return ANY_ORDER
     # A pass of depth peeling has layers that bound it, or takes the latest primitive.
-    is_peeling = frame.near_bound_ids != 0 or frame.far_bound_ids != 0 or frame.ids_below != 0
+    is_peeling = frame.near_bound_ids != 0 or frame.far_bound_ids != 0 or frame.id_limits != 0
     return PEELED if is_peeling or frame.highest_id_wins != 0 else IN_ORDER
 
 
@@ -226,14 +220,14 @@ def draw_band(frame_address: Address, first_row: I64, end_row: I64, band_memory:
 
     Args:
         frame_address: address of a RasterFrame.
-        faces: FIRST_PASS or KEPT_BACK_FACES.
+        faces: COLOR_FACES or KEPT_BACK_FACES.
     """
     frame = RasterFrame(frame_address)
     layer, target = Layer(), _Target()
     set_band_layer(frame, layer, first_row, band_memory)
     target.layer, target.small_spans = layer, SmallTriangleSpans()
     target.depth_rule = _depth_rule(frame, faces)
-    if faces == FIRST_PASS:
+    if faces == COLOR_FACES:
         _clear_rows(frame, layer, first_row, end_row)
     band = first_row // BAND_ROWS
     for index in range(frame.chunk_count):

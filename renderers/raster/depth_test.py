@@ -25,8 +25,7 @@ ANY_ORDER: Final = 2
 
 @device_function
 def _is_between(frame: RasterFrame, pixel: I64, inv_z: F32x8, ids: I32x8) -> Mask8:
-    """Return m8: pixels that the frame's bounds, as far as it has them, leave over: behind the layer ``near_bound_ids``
-    by depth, then id; not behind the layer ``far_bound_ids`` by depth; with ids below ``ids_below``."""
+    """Return which pixels pass the frame's limits for depth peeling, as far as it has them."""
     zero = vec.i32(0)
     passed = zero == zero  # all
     if frame.near_bound_ids != 0:
@@ -38,8 +37,8 @@ def _is_between(frame: RasterFrame, pixel: I64, inv_z: F32x8, ids: I32x8) -> Mas
         layer_ids = vec.load(i32_at(frame.far_bound_ids), pixel)
         layer_inv_z = vec.load(f32_at(frame.far_bound_inv_z), pixel)
         passed = passed & ((layer_ids < zero) | (inv_z >= layer_inv_z))
-    if frame.ids_below != 0:
-        passed = passed & (ids < vec.load(i32_at(frame.ids_below), pixel))
+    if frame.id_limits != 0:
+        passed = passed & (ids < vec.load(i32_at(frame.id_limits), pixel))
     return passed
 
 

@@ -138,7 +138,7 @@ class FrameJob:
         layer: Visibility,
         behind: Visibility | None = None,
         in_front_of: Visibility | None = None,
-        ids_below: NDArray[np.int32] | None = None,
+        id_limits: NDArray[np.int32] | None = None,
         *,
         latest: bool = False,
     ) -> None:
@@ -148,8 +148,8 @@ class FrameJob:
             if each is not None:
                 frame[f"{name}_ids"] = self._address(each.ids, np.int32)
                 frame[f"{name}_inv_z"] = self._address(each.inv_z, np.float32)
-        if ids_below is not None:
-            frame["ids_below"] = self._address(ids_below, np.int32)
+        if id_limits is not None:
+            frame["id_limits"] = self._address(id_limits, np.int32)
         frame["highest_id_wins"] = latest
 
     def _address(self, array: NDArray[Any], dtype: type[np.generic]) -> int:

@@ -18,7 +18,7 @@ from renderers.compiler.jit import kernel
 from renderers.compiler.kernel_calls import atomic_add_one, call_kernel, is_set, load_acquire, yield_at
 from renderers.compiler.kernel_types import I64, Address, i64
 from renderers.compiler.pointers import address
-from renderers.raster.layout import BANDS, FIRST_PASS, KEPT_BACK_FACES, PHASE_COUNT, SETUP, TRANSFORM, RasterFrame
+from renderers.raster.layout import BANDS, COLOR_FACES, KEPT_BACK_FACES, PHASE_COUNT, SETUP, TRANSFORM, RasterFrame
 from renderers.visibility_buffer import BAND_ROWS
 
 _SPINS_BEFORE_YIELD: Final = 200
@@ -31,8 +31,8 @@ def run_phases(frame_address: Address, until_finished: bool) -> None:
 
     The RasterFrame must live until all calls have returned. What it points to must live until the frame is finished.
 
-    Each call takes the next ``band_memory_bytes`` after ``band_memory_base``: its ``band_memory``. There is such
-    memory for ``max_threads`` calls; ``frame_threads`` makes ``Task.threads`` at most, which ``max_threads`` limits.
+    Each call has its own ``band_memory``: call k has ``band_memory_bytes`` from ``band_memory_base`` + k x this number
+    on. There is memory for ``max_threads`` calls. ``frame_threads`` makes at most ``Task.threads``, which are not more.
 
     Args:
         until_finished: return when the frame is finished; otherwise as soon as no band is left to take.
@@ -94,9 +94,9 @@ def _draw_shade_resolve(frame: RasterFrame, first_row: I64, end_row: I64, band_m
     """Draw, shade and resolve one band.
 
     Args:
-        band_memory: the thread's layer of a band; 0: the frame has a layer of the whole image, and no shade_kernel.
+        band_memory: the thread's layer of a band; 0: the frame has a layer of the whole image, which its caller shades.
     """
-    call_kernel(frame.draw_kernel, (address(frame), first_row, end_row, band_memory, FIRST_PASS))
+    call_kernel(frame.draw_kernel, (address(frame), first_row, end_row, band_memory, COLOR_FACES))
     if frame.shade_kernel != 0:
         # Shading knows no RasterFrame: it gets its own job, and band_memory, which begins with the primitive ids.
         call_kernel(frame.shade_kernel, (frame.shade_job, band_memory, first_row, end_row))

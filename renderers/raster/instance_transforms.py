@@ -112,7 +112,8 @@ def collect_draws(frame: RasterFrame) -> I64:
         culling_draws += draw.culled_area_sign != 0 and draw.hidden_area_sign == 0
         draw.first_vertex, draw.first_frame_primitive = vertices, primitives
         draw.positions, draw.indices = instance.positions, instance.indices
-        draw.topology, draw.size, draw.first_id = instance.topology, instance.size, instance.first_id
+        draw.vertices_per_primitive = instance.vertices_per_primitive
+        draw.size, draw.first_id = instance.size, instance.first_id
         vertices += next_instance.first_vertex - instance.first_vertex
         primitives += next_instance.first_id - instance.first_id
         draw_count += 1

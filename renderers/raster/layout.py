@@ -50,41 +50,40 @@ CHUNK_WORDS: Final = CHUNK_SIZE + 3 * FRAGMENT_CAPACITY
 MAX_SMALL_WIDTH: Final = 64
 MAX_SMALL_HEIGHT: Final = 128
 """Maximum pixel centres of a small triangle across and down: it spans less than 65 x 129 pixels. So its edge functions
-fit int32, even eight columns (``msaa``) and seven rows (``small_triangles``) off its box: they are differences of two
-products of a width and a height in grid units, 2 x 256^2 x (65 + 8) x (129 + 7) < 2^31."""
+fit int32, also eight columns (``msaa``) and seven rows (``small_triangles``) off its box. An edge function is the
+difference of two products of a width and a height, grid units: 2 x (256 x (65 + 8)) x (256 x (129 + 7)) < 2^31."""
 MAX_SMALL_DEPTH_RATIO: Final = 4.0
 """Maximum ratio of farthest to nearest vertex depth of a small triangle. Beyond, float32 would lose digits of 1/z at
 the far end, and float64 is used."""
 
-# Topology of a mesh: number of vertices of a primitive.
-TOPOLOGY_LINES: Final = 2
-TOPOLOGY_TRIANGLES: Final = 3
+# Values of ``vertices_per_primitive``; points have 1.
+LINE_VERTICES: Final = 2
+TRIANGLE_VERTICES: Final = 3
 
-
-# Kinds of Primitive: what its ``geometry`` is, and the pixel at whose centre 1/z is ``inv_z_base``.
+# Kinds of Primitive. Each says what its ``geometry`` is, and which pixel is its origin. There, 1/z is ``inv_z_base``.
 KIND_TRIANGLE: Final = 0
-"""geometry: corners, clockwise on screen. inv_z_base at: first column and row whose pixel centres are not before the
-corners' minimum x and y, also with several samples per pixel; perhaps off the image."""
+"""geometry: x0 y0 x1 y1 x2 y2 of the corners, clockwise on screen, grid units. Origin: the first column and the first
+row whose pixel centres are not before the leftmost and the topmost corner; it may be off the image."""
 KIND_CLIPPED: Final = 1
-"""Crosses the near plane or leaves the guard band. geometry: first column and row of its box in the image, index of the
-draw. inv_z_base at: this first pixel."""
+"""A triangle that crosses the near plane or leaves the guard band. geometry: column and row of the origin; index of the
+draw. Origin: the first pixel of the triangle's box in the image."""
 KIND_LINE: Final = 2
-"""geometry: both ends and half the width, grid units, then first column (low half) and row (high half) of its box in
-the image. inv_z_base at: this first pixel."""
+"""geometry: x0 y0 x1 y1 of the ends, and half the width, grid units; the origin, its row in the high half of the value.
+Origin: the first pixel of the line's box in the image."""
 KIND_POINT: Final = 3
-"""geometry: first column and row, and those after the last, pixels; grid units if there are several samples per pixel.
-inv_z_base at: any pixel."""
+"""geometry: left, top, right and bottom of its square. With one sample per pixel, they are columns and rows, cut to the
+image, right and bottom excluded; with several, grid units. Origin: any pixel, since 1/z is constant."""
 KIND_SMALL: Final = 4
 """The struct is a SmallTriangle, which has the same size, and ``id`` and ``kind`` at the same place."""
 
 
 class Primitive(Struct):
-    geometry: Pointer[I32] = inline(6)  # see the kinds; corners are x0 y0 x1 y1 x2 y2, grid units
+    geometry: Pointer[I32] = inline(6)  # see the kinds
     id: I32  # primitive id
     kind: I32
     inv_z_dx: F64  # change of 1/z per column
     inv_z_dy: F64  # change of 1/z per row
-    inv_z_base: F64  # 1/z at the centre of the pixel that ``fill.inv_z_origin`` returns; see the kinds
+    inv_z_base: F64  # 1/z at the centre of the origin, see the kinds and ``fill.inv_z_origin``
     inv_z_min: F32  # range of 1/z over the primitive; clamping to it keeps slivers from extrapolating
     inv_z_max: F32
 
@@ -99,9 +98,9 @@ class SmallTriangle(Struct):
     id: I32
     kind: I32
     edge1_dy: I32  # change per row of the second
-    box_corner: I32  # packed, as box_size: see box_of
-    box_size: I32
-    inv_z_base: F32  # as in Primitive
+    box_origin: I32  # packed column and row of the box's first pixel: see box_of
+    box_size: I32  # packed likewise: numbers of columns and rows
+    inv_z_base: F32  # at the box's first pixel centre; this and the rest are as in Primitive
     inv_z_dx: F32
     inv_z_dy: F32
     inv_z_min: F32
@@ -118,8 +117,8 @@ class RasterInstance(Struct):
     ``first_vertex`` and ``first_id`` are the totals."""
 
     positions: Pointer[F32]  # (N, 3): the vertices of mesh_positions that primitives use; others need no transform
-    indices: Pointer[U32]  # (M, topology) into these
-    topology: I64
+    indices: Pointer[U32]  # (M, vertices_per_primitive) into these
+    vertices_per_primitive: I64  # a value of drawlist.Topology
     first_vertex: I64  # among all instances' vertices
     first_id: I64  # primitive id of its first primitive
     size: F64  # point size or line width, pixels
@@ -135,7 +134,7 @@ class Draw(Struct):
 
     positions: Pointer[F32]  # as in RasterInstance
     indices: Pointer[U32]
-    topology: I64
+    vertices_per_primitive: I64
     size: F64
     first_vertex: I64  # among the drawn vertices
     first_frame_primitive: I64  # index of its first primitive among those drawn in the frame
@@ -148,8 +147,8 @@ class Draw(Struct):
 class Chunk(Struct):
     """Primitives that are set up together, and searched by each band that they touch.
 
-    Bin ``k`` has what is drawn in band ``k``. Back faces that are kept are drawn later than the others, after shading:
-    those of band ``k`` are in bin ``RasterFrame.first_back_bin + k``."""
+    A bin is only a number, which bands look for in ``bin_ranges``. Bin ``k`` means band ``k``. Back faces that are kept
+    are drawn later than the others, after shading: for them, band ``k`` is bin ``RasterFrame.first_back_bin + k``."""
 
     primitives: Primitive  # (CHUNK_SIZE,): those that may be visible, in the order of their ids
     bin_ranges: Pointer[I32]  # (CHUNK_SIZE,): last << 16 | first bin that each of them touches
@@ -168,10 +167,10 @@ SETUP: Final = 1
 BANDS: Final = 2
 PHASE_COUNT: Final = 3
 # Passes over a band, see ``coverage.draw_band``.
-FIRST_PASS: Final = 0
-"""Draw all but the back faces that are kept, into a cleared layer."""
+COLOR_FACES: Final = 0
+"""All faces but the next ones, drawn into a cleared layer: colour images show no others."""
 KEPT_BACK_FACES: Final = 1
-"""Draw these on top of the layer."""
+"""Back faces that are kept, drawn on top of the layer."""
 
 
 class RasterFrame(Struct):
@@ -226,14 +225,14 @@ class RasterFrame(Struct):
     normals_kernel: Address
     yield_function: Address  # called while waiting for other threads
 
-    # Depth peeling: bounds of what passes the depth test, (height, stride) each: ids are int32, inv_z float32.
-    # A fragment passes only behind this layer, or at its depth with a lower id, and nowhere where the layer is empty.
+    # Depth peeling: limits for what passes the depth test, (height, stride) each; ids are int32, inv_z float32.
+    # Only what is behind the near layer passes, or at its depth with a lower id. Nothing passes where it is empty.
     near_bound_ids: Address
     near_bound_inv_z: Address
-    # A fragment passes only in front of this layer, or at its depth, and everywhere where the layer is empty.
+    # Only what is not behind the far layer passes, whatever its id. Everything passes where it is empty.
     far_bound_ids: Address
     far_bound_inv_z: Address
-    ids_below: Address  # a fragment passes only with an id below these
+    id_limits: Address  # only what has an id below these passes
     highest_id_wins: I64  # flag: a pixel sees the fragment drawn last, not the nearest (layers by drawing order)
 
     # Results. The layer is (height, stride); without it, each thread has a layer of one band.
@@ -246,7 +245,7 @@ class RasterFrame(Struct):
 
     # Memory.
     draws: Draw  # (draw_count + 1)
-    vertices: Pointer[F32]  # (vertex_count, 4): x, y, pixels; 1/z, BEFORE_NEAR_PLANE or OUTSIDE_GUARD_BAND; unused
+    vertices: Pointer[F32]  # (vertex_count, 4): x and y, pixels; 1/z or a negative constant; a value that is not used
     primitives: Primitive  # (chunk_count * CHUNK_SIZE); those of KIND_SMALL are SmallTriangle
     chunks: Chunk  # (chunk_count)
     chunk_memory: Pointer[I32]  # (chunk_count, CHUNK_WORDS): what their pointers point to
@@ -282,7 +281,7 @@ class Layer(Struct):
 
 @inlined
 def vertex_of(frame: RasterFrame, draw: Draw, index: I64) -> Pointer[F32]:
-    """Return a pointer to the values in RasterFrame.vertices of a vertex; ``index`` is that in its mesh."""
+    """Return a pointer to a vertex in RasterFrame.vertices; ``index``: a value of ``draw.indices``."""
     return advance(frame.vertices, 4 * (draw.first_vertex + index))
 
 
@@ -298,6 +297,6 @@ class SmallBox(NamedTuple):
 @inlined
 def box_of(triangle: SmallTriangle) -> SmallBox:
     """Return the box of a SmallTriangle: rows are packed in the high halves, columns in the low ones."""
-    packed_corner, packed_size = i64(triangle.box_corner), i64(triangle.box_size)
-    left = ((packed_corner & 0xFFFF) ^ 0x8000) - 0x8000  # sign-extended from 16 bits
-    return SmallBox(left, packed_corner >> 16, packed_size & 0xFFFF, packed_size >> 16)
+    packed_origin, packed_size = i64(triangle.box_origin), i64(triangle.box_size)
+    left = ((packed_origin & 0xFFFF) ^ 0x8000) - 0x8000  # sign-extended from 16 bits
+    return SmallBox(left, packed_origin >> 16, packed_size & 0xFFFF, packed_size >> 16)

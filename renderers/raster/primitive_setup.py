@@ -1,4 +1,4 @@
-"""Setup of single primitives: lines, points, clipped triangles, and triangles that are too large for the vector path.
+"""Setup of one primitive at a time: lines, points, and the triangles that ``triangle_setup`` calls general.
 
 The functions fill a Primitive, but for its ``id``, and return its first and last bin, or NOT_VISIBLE. In them, ``w`` is
 1/z, 1/m, or BEFORE_NEAR_PLANE or OUTSIDE_GUARD_BAND, which are negative.
@@ -44,7 +44,7 @@ _ends_array = stack_array(F64, 6)
 
 
 @device_function
-def set_up_single_triangle(
+def set_up_general_triangle(
     frame: RasterFrame, draw_index: I64, primitive_in_mesh: I64, primitive: Primitive
 ) -> tuple[I64, I64]:
     """Set up a triangle in float64: of any size, clipped or not."""

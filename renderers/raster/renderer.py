@@ -173,7 +173,7 @@ class CpuRenderer:
         cull_back: NDArray[np.bool_] | None = None,
         behind: Visibility | None = None,
         in_front_of: Visibility | None = None,
-        ids_below: NDArray[np.int32] | None = None,
+        id_limits: NDArray[np.int32] | None = None,
         latest: bool = False,
         bands: NDArray[np.int32] | None = None,
     ) -> Visibility:
@@ -193,7 +193,7 @@ class CpuRenderer:
         if bands is not None:
             ids.fill(-1)
         layer = Visibility(ids, inv_z, prepared.instances.first_ids, job.X_camera_mesh)
-        job.layers(layer, behind, in_front_of, ids_below, latest=latest)
+        job.layers(layer, behind, in_front_of, id_limits, latest=latest)
         self._threads.share(job.task())
         if job.stride == camera.width:
             return layer

@@ -27,8 +27,8 @@ from renderers.raster.layout import Layer, RasterFrame
 _BACKGROUND_LABEL: Final = int(np.uint32(LABEL_NONE).astype(np.int32))
 _BACKGROUND_INSTANCE_ID: Final = -1
 _PREFETCH_DISTANCE: Final = 1024
-"""Values by which a prefetch is ahead of the store, which reads a cache line first (write-allocate). 1,024 values
-are a page of 4 KiB: processors themselves prefetch up to its end, but not the beginning of the next page."""
+"""Values by which a prefetch is ahead of the store. A store to a line that is not in the cache reads the line first.
+Processors prefetch by themselves, but only to the end of a page: 1,024 values, 4 KiB, ahead is in the next page."""
 
 
 @kernel

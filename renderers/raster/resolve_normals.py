@@ -20,7 +20,7 @@ from renderers.compiler.kernel_types import F32, F64, I64, U32, Address, Pointer
 from renderers.compiler.pointers import advance, f32_at
 from renderers.primitive_ids import instance_of
 from renderers.raster.layer import set_band_layer
-from renderers.raster.layout import TOPOLOGY_TRIANGLES, Layer, RasterFrame
+from renderers.raster.layout import TRIANGLE_VERTICES, Layer, RasterFrame
 
 Vector = tuple[F64, F64, F64]
 _TOWARDS_CAMERA: Final = (0.0, 0.0, -1.0)
@@ -71,7 +71,7 @@ def _row_of_normals(frame: RasterFrame, row: I64) -> Pointer[F32]:
 def _write_span(frame: RasterFrame, instance_index: I64, primitive_id: I64, row: I64, start: I64, stop: I64) -> None:
     """Write the normals of the pixels ``start .. stop`` of a row, which see one primitive of an instance."""
     out, instance = _row_of_normals(frame, row), frame.instances[instance_index]
-    if instance.topology != TOPOLOGY_TRIANGLES:
+    if instance.vertices_per_primitive != TRIANGLE_VERTICES:
         _fill(out, start, stop, _TOWARDS_CAMERA)
         return
     X_camera_mesh = advance(frame.X_camera_mesh, 16 * instance_index)

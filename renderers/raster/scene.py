@@ -27,7 +27,7 @@ class PreparedMesh:
     """Addresses and counts of a mesh."""
 
     counts: tuple[int, int, int]
-    """Number of vertices to transform, number of primitives, and topology."""
+    """Number of vertices to transform, number of primitives, and vertices of each primitive."""
     addresses: tuple[int, int]
     """Addresses of the vertices to transform, and of the indices into them."""
     mesh_addresses: tuple[int, int, int]
@@ -225,7 +225,7 @@ def _build_structure(instances: Sequence[Instance]) -> Structure:
     numbers = np.array([(*m.counts, *m.addresses, *m.mesh_addresses) for m in meshes], np.int64).reshape(count, 8)
     np.cumsum(numbers[:, 0], out=table["first_vertex"][1:])
     np.cumsum(numbers[:, 1], out=table["first_id"][1:])
-    columns = "topology", "positions", "indices", "mesh_positions", "mesh_indices", "mesh_normals"
+    columns = "vertices_per_primitive", "positions", "indices", "mesh_positions", "mesh_indices", "mesh_normals"
     for column, field in enumerate(columns):
         table[field][:-1] = numbers[:, 2 + column]
     first_ids = np.ascontiguousarray(table["first_id"])

@@ -13,8 +13,8 @@ from renderers.raster.layout import (
     CHUNK_WORDS,
     FRAGMENT_CAPACITY,
     KEPT_BACK_BIT,
-    TOPOLOGY_LINES,
-    TOPOLOGY_TRIANGLES,
+    LINE_VERTICES,
+    TRIANGLE_VERTICES,
     Chunk,
     Draw,
     RasterFrame,
@@ -58,7 +58,7 @@ def _draw_index_of_primitive(frame: RasterFrame, frame_primitive: I64) -> I64:
 def _set_up_line_or_point(frame: RasterFrame, draw: Draw, primitive_in_mesh: I64, chunk: Chunk) -> None:
     """Set up a line or a point, and append it to a Chunk if it may be visible."""
     primitive = chunk.primitives[chunk.primitive_count]  # append_primitive keeps it only if it touches a bin
-    if draw.topology == TOPOLOGY_LINES:
+    if draw.vertices_per_primitive == LINE_VERTICES:
         first_bin, last_bin = set_up_line(frame, draw, primitive_in_mesh, primitive)
     else:  # a point
         first_bin, last_bin = set_up_point(frame, draw, primitive_in_mesh, primitive)
@@ -79,7 +79,7 @@ def _set_up_primitives(frame: RasterFrame, chunk: Chunk, begin: I64, end: I64) -
         draw = frame.draws[draw_index]
         draw_end = min(end, frame.draws[draw_index + 1].first_frame_primitive)
         first_of_draw = draw.first_frame_primitive
-        if draw.topology == TOPOLOGY_TRIANGLES:
+        if draw.vertices_per_primitive == TRIANGLE_VERTICES:
             set_up_triangles(frame, draw_index, draw_begin - first_of_draw, draw_end - first_of_draw, chunk)
         else:
             for frame_primitive in range(draw_begin, draw_end):

@@ -12,11 +12,12 @@
         rows 4..7 |        |###     |
                   +--------+--------+
 
-In a row, each of the three edge functions is e + c de at column c, counted from the box's first; de is a multiple of
-256. With dx = de >> 8 and edge_value = (e >> 8) + 1/2, column c is inside where edge_value + c dx > 0. So the edge
-*limits* the covered columns on one side, at q = -edge_value / dx, which is never an integer: floor(q + 1) is the first
-covered column if the limit is on the left, and the end, the column after the last covered one, if it is on the right.
-``_limit_by_edge`` says why float32 is exact here.
+In a row, each of the three edge functions is edge + c edge_dx at column c, counted from the box's first. From pixel to
+pixel, it changes by multiples of 256. So all is divided by 256: with scaled_edge = (edge >> 8) + 1/2 and scaled_dx =
+edge_dx >> 8, column c is inside where scaled_edge + c scaled_dx > 0. The edge *limits* the covered columns on one side,
+at q = -scaled_edge / scaled_dx, which is never an integer. So floor(q + 1) is the first column right of q. If the limit
+is on the left, this is the first covered column. If it is on the right, this is the end, the column after the last
+covered one. ``_limit_by_edge`` says why float32 is exact here.
 """
 
 from __future__ import annotations
@@ -51,7 +52,8 @@ _BITS_PER_GROUP: Final = 2 * _BITS_PER_BLOCK_ROW
 """Bits of a group's two block rows in a mask. Four groups are a band."""
 _LOG2_BLOCK_COLUMNS: Final = vec.LANES.bit_length() - 1
 """``column >> _LOG2_BLOCK_COLUMNS`` is the block of a column."""
-assert MAX_SMALL_WIDTH // vec.LANES < 2 * _BITS_PER_BLOCK_ROW  # two masks; an unaligned box touches one block more
+# A row of an unaligned box touches one block more than its width has. Two masks have a bit for each.
+assert MAX_SMALL_WIDTH // vec.LANES + 1 <= 2 * _BITS_PER_BLOCK_ROW
 assert BAND_ROWS == 4 * _GROUP_ROWS
 # Two vectors have all fields of a SmallTriangle: the first ends with ``kind``, the second begins with ``edge1_dy``.
 assert (SMALL_FIELD_INDEX.kind, SMALL_FIELD_INDEX.edge1_dy) == (vec.LANES - 1, vec.LANES)
@@ -62,26 +64,26 @@ class SmallTriangleSpans(Struct):
 
     triangle: SmallTriangle
     row_inv_z: Pointer[F32] = inline(BAND_ROWS)  # of each row: 1/z at the box's first column
-    row_begin_in_box: Pointer[I32] = inline(BAND_ROWS)  # first covered column, counted from the box's first
-    row_column_count: Pointer[I32] = inline(BAND_ROWS)
+    span_begin_in_box: Pointer[I32] = inline(BAND_ROWS)  # of each row: first covered column, from the box's first on
+    span_length: Pointer[I32] = inline(BAND_ROWS)  # of each row: number of covered columns
     # Masks of the blocks with any covered column. Byte r of the first one: blocks 0 to 7 of block row r, from the left,
     # in bits 0 to 7. Byte r of the second: block 8, since a box that is not aligned touches up to nine.
     block_masks: Pointer[I64] = inline(2)
-    first_group_row: I64  # first row of the first group, in the image
+    groups_top: I64  # first row of the first group, in the image
     row_count_in_band: I64  # number of the groups' rows that are in the band
     aligned_left: I64  # first column of the first block, in the image: a multiple of eight
     aligned_left_in_box: I64  # the same, counted from the box's first column: perhaps negative
 
 
 class _ScanlineEdges(NamedTuple):
-    """Three edge functions, shifted right by 8, and the factors that make column limits of them; in all lanes alike."""
+    """Three edge functions, divided by 256, and the factors that make column limits of them; in all lanes alike."""
 
     base: F32x8x3
-    """``edge_value`` in row 0 of the box."""
+    """``scaled_edge`` in row 0 of the box."""
     dy: F32x8x3
     """Change per row."""
     left_factor: F32x8x3
-    """-1 / dx for edges that limit columns on the left; NaN, which limits nothing, for others."""
+    """-1 / scaled_dx for edges that limit columns on the left; NaN, which limits nothing, for others."""
     right_factor: F32x8x3
     """The same for edges on the right."""
 
@@ -99,18 +101,18 @@ def find_small_spans(
     aligned_left = left & ~i64(vec.LANES - 1)
     aligned_left_in_box = aligned_left - box_left
     group_count = (bottom - top + _GROUP_ROWS - 1) // _GROUP_ROWS
-    first_group_row = _first_group_row(top, end_row, group_count, first_row)
+    groups_top = _groups_top(top, end_row, group_count, first_row)
 
     # Spans, 1/z and blocks of eight rows at a time. Rows may lie above or below the box: no column is covered there.
     edges = _load_edges(triangle)
     inv_z_base, inv_z_dy = vec.f32(triangle.inv_z_base), vec.f32(triangle.inv_z_dy)
-    rows_in_box = vec.to_f32(vec.i32(first_group_row - box_top) + vec.iota())
+    rows_in_box = vec.to_f32(vec.i32(groups_top - box_top) + vec.iota())
     box_left_limit, box_right_limit = vec.f32(left - box_left) - vec.f32(0.5), vec.f32(right - box_left) - vec.f32(0.5)
     blocks_0_to_7, block_8 = i64(0), i64(0)
     for group in range(group_count):
         begin_in_box, column_count = _covered_columns(edges, rows_in_box, box_left_limit, box_right_limit)
-        vec.store(spans.row_begin_in_box, _GROUP_ROWS * group, begin_in_box)
-        vec.store(spans.row_column_count, _GROUP_ROWS * group, column_count)
+        vec.store(spans.span_begin_in_box, _GROUP_ROWS * group, begin_in_box)
+        vec.store(spans.span_length, _GROUP_ROWS * group, column_count)
         group_masks = _block_masks(begin_in_box - vec.i32(aligned_left_in_box), column_count)
         blocks_0_to_7 |= group_masks[0] << (_BITS_PER_GROUP * group)
         block_8 |= group_masks[1] << (_BITS_PER_GROUP * group)
@@ -119,8 +121,8 @@ def find_small_spans(
 
     spans.triangle = triangle
     spans.block_masks[0], spans.block_masks[1] = blocks_0_to_7, block_8
-    spans.first_group_row = first_group_row
-    spans.row_count_in_band = min(end_row - first_group_row, _GROUP_ROWS * group_count)
+    spans.groups_top = groups_top
+    spans.row_count_in_band = min(end_row - groups_top, _GROUP_ROWS * group_count)
     spans.aligned_left, spans.aligned_left_in_box = aligned_left, aligned_left_in_box
 
 
@@ -128,8 +130,8 @@ def find_small_spans(
 def draw_small(frame: RasterFrame, layer: Layer, depth_rule: I64, spans: SmallTriangleSpans) -> None:
     """Draw a triangle with the spans of ``find_small_spans``; ``depth_rule`` as for ``depth_test``.
 
-    A loop over the set bits of a mask of blocks has one misprediction per triangle, where a loop over the columns of
-    each row would have one per row. About half of a box is never tested.
+    The loop over the set bits of a mask skips blocks without a covered pixel, about half of a box. It has one
+    misprediction per triangle, where a loop over the columns of each row would have one per row.
     """
     # Both masks in one loop: with a copy of its body for each, draw_band would take longer to compile.
     for mask_index in range(1 if spans.block_masks[1] == 0 else 2):
@@ -146,26 +148,26 @@ def draw_small(frame: RasterFrame, layer: Layer, depth_rule: I64, spans: SmallTr
 def _draw_block(
     frame: RasterFrame, layer: Layer, depth_rule: I64, spans: SmallTriangleSpans, block_row: I64, block: I64
 ) -> None:
-    """Draw a block of a block row; both are counted from the first one, at ``first_group_row`` and ``aligned_left``."""
+    """Draw a block of a block row; both are counted from the first one, at ``groups_top`` and ``aligned_left``."""
     block_top, block_left = block_row * _BLOCK_ROWS, block * vec.LANES
     triangle = spans.triangle
     inv_z_min, inv_z_max, ids = vec.f32(triangle.inv_z_min), vec.f32(triangle.inv_z_max), vec.i32(triangle.id)
     columns_in_box = vec.i32(spans.aligned_left_in_box + block_left) + vec.iota()
     inv_z_from_box_left = vec.f32(triangle.inv_z_dx) * vec.to_f32(columns_in_box)
-    row_in_layer = spans.first_group_row + block_top - layer.first_row
+    row_in_layer = spans.groups_top + block_top - layer.first_row
     pixel = row_in_layer * frame.stride + spans.aligned_left + block_left
     for row in range(block_top, min(block_top + _BLOCK_ROWS, spans.row_count_in_band)):
         inv_z = vec.f32(spans.row_inv_z[row]) + inv_z_from_box_left
         inv_z = vec.minimum(vec.maximum(inv_z, inv_z_min), inv_z_max)
         # One comparison of unsigned numbers tells whether a column is in the span.
-        column_in_span = columns_in_box - vec.i32(spans.row_begin_in_box[row])
-        covered = vec.less_unsigned(column_in_span, vec.i32(spans.row_column_count[row]))
+        column_in_span = columns_in_box - vec.i32(spans.span_begin_in_box[row])
+        covered = vec.less_unsigned(column_in_span, vec.i32(spans.span_length[row]))
         depth_test(frame, layer, depth_rule, pixel, inv_z, covered, ids)
         pixel += frame.stride
 
 
 @inlined
-def _first_group_row(top: I64, end_row: I64, group_count: I64, first_row: I64) -> I64:
+def _groups_top(top: I64, end_row: I64, group_count: I64, first_row: I64) -> I64:
     """Return the first row of the first group, for a triangle that begins in row ``top``.
 
     It is ``top``, or a smaller row near the band's end, so that the last group has no rows of the next band::
@@ -200,12 +202,13 @@ def _load_edges(triangle: SmallTriangle) -> _ScanlineEdges:
     dx2, dy2 = zero - dx0 - dx1, zero - dy0 - dy1
     # One division for all three edges, in lanes 0 to 2.
     lane = vec.iota()
-    dx_of_lane = vec.select(lane == vec.i32(0), dx0, vec.select(lane == vec.i32(1), dx1, dx2))
-    factor = vec.f32(-1.0) / dx_of_lane
-    # A horizontal edge has dx = 0, and limits columns on the left: -edge_value / dx is -inf in rows inside the edge,
-    # +inf in others, where nothing is covered. dx is never -0: 0 - a - b is +0 where a = -b.
-    left = vec.select(dx_of_lane >= zero, factor, no_limit)
-    right = vec.select(dx_of_lane >= zero, no_limit, factor)
+    scaled_dx = vec.select(lane == vec.i32(0), dx0, vec.select(lane == vec.i32(1), dx1, dx2))
+    factor = vec.f32(-1.0) / scaled_dx
+    # A positive scaled_dx limits columns on the left, a negative one on the right. A horizontal edge, 0, limits them on
+    # the left, with the factor -inf. Its limit is -inf where scaled_edge is positive: all columns are inside. Elsewhere
+    # it is +inf: none is. scaled_dx is never -0, which would exchange the two: dx2 = 0 - dx0 - dx1 is +0 if dx1 = -dx0.
+    left = vec.select(scaled_dx >= zero, factor, no_limit)
+    right = vec.select(scaled_dx >= zero, no_limit, factor)
     return _ScanlineEdges(
         base=(base0 + half, base1 + half, base2 + half),
         dy=(dy0, dy1, dy2),
@@ -236,8 +239,8 @@ def _covered_columns(
     left_limit, right_limit = _limit_by_edge(box_left_limit, box_right_limit, edges, 0, rows_in_box)
     left_limit, right_limit = _limit_by_edge(left_limit, right_limit, edges, 1, rows_in_box)
     left_limit, right_limit = _limit_by_edge(left_limit, right_limit, edges, 2, rows_in_box)
-    # A nearly horizontal edge may limit a row anywhere: minimum and maximum keep its limits within int32.
-    # left_limit >= box_left_limit >= -1/2, and right_limit + 1 is cut at 0. to_i32 rounds toward 0: floor from 0 on.
+    # Nearly horizontal edges may limit a row anywhere: minimum and maximum keep their limits within int32. to_i32
+    # rounds toward 0. This is floor here: no value is negative, since left_limit >= box_left_limit >= -1/2.
     begin = vec.to_i32(vec.minimum(left_limit, box_right_limit) + one)
     end = vec.to_i32(vec.maximum(right_limit + one, vec.f32(0.0)))
     return begin, vec.maximum(end - begin, vec.i32(0))
@@ -251,22 +254,21 @@ def _limit_by_edge(
 
     Why float32 is exact:
 
-    - e changes by multiples of 256 per column and row. So e >> 8, which has the sign of e, changes by exactly
-      dx = de >> 8, an integer of at most 129 x 256 (128 rows of centres span less than 129 pixels).
-    - edge_value = (e >> 8) + 1/2 is exact: e >> 8 is below 2^23, also in the up to seven rows above and below the box
-      that groups of eight rows add (``MAX_SMALL_HEIGHT``). It is positive inside, negative outside, never 0.
-    - A horizontal edge, dx = 0, covers all columns of a row or none: its limit is -inf or +inf.
-    - For others, the distance of q = -edge_value / dx to any integer is at least (1/2) / |dx| > 15.1e-6.
-    - q is computed as edge_value * (-1 / dx), with two roundings of 2^-24 each: where |q| <= 64, as in the box, the
-      error is at most 64 x 2^-23 < 7.7e-6. Farther out, the error, at most 2^-23 of q, is too small to move q across
-      the border of the box, 1/2 away from integers.
+    - scaled_dx = edge_dx >> 8 is the height of the edge in grid units: an integer, and at most 129 x 256, since a box
+      with 128 rows of pixel centres is less than 129 pixels high.
+    - scaled_edge = (edge >> 8) + 1/2 is exact: edge >> 8 is below 2^23, also in the up to seven rows above and below
+      the box that groups of eight rows add (``MAX_SMALL_HEIGHT``). It is positive inside, negative outside, never 0.
+    - So the distance of q = -scaled_edge / scaled_dx to any integer is at least (1/2) / |scaled_dx| > 15.1e-6.
+      (Horizontal edges, scaled_dx = 0, have limits of -inf or +inf.)
+    - q is computed as scaled_edge * (-1 / scaled_dx), with two roundings of 2^-24 each. Where |q| <= 64, the error is
+      at most 64 x 2^-23 < 7.7e-6. Where |q| > 64, the limits of the box, within -1/2 .. 63 1/2, replace it.
     - So the distance of the computed q is above 15.1e-6 - 7.7e-6 = 7.4e-6. Adding 1 rounds by at most 2^-18 < 3.9e-6,
       since q + 1 < 128: the floor is right.
     """
-    edge_value = edges.base[edge] + edges.dy[edge] * rows_in_box
+    scaled_edge = edges.base[edge] + edges.dy[edge] * rows_in_box
     # NaN limits nothing: if either argument is NaN, minimum and maximum return the second one.
-    left_limit = vec.maximum(edge_value * edges.left_factor[edge], left_limit)
-    return left_limit, vec.minimum(edge_value * edges.right_factor[edge], right_limit)
+    left_limit = vec.maximum(scaled_edge * edges.left_factor[edge], left_limit)
+    return left_limit, vec.minimum(scaled_edge * edges.right_factor[edge], right_limit)
 
 
 @inlined

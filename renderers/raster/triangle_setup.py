@@ -2,9 +2,9 @@
 
     vertices of a draw ─▶ corners ─▶ on the grid of 1/256 pixel ─▶ box ─▶ by size:
 
-        tiny    at most 4 x 4 pixels                ``tiny_triangles``: fragments in the Chunk, if it has room
-        small   at most 64 x 128                    SmallTriangle: edge functions in int32, plane of 1/z in float32
-        single  larger, too deep, or to be clipped  Primitive, one at a time: ``primitive_setup``
+        tiny     at most 4 x 4 pixels     ``tiny_triangles``: fragments in the Chunk, if it has room
+        small    at most 64 x 128         SmallTriangle: edge functions in int32, plane of 1/z in float32
+        general  larger, with very different depths, or to be clipped    Primitive, one at a time: ``primitive_setup``
 
 Triangles are dropped on the way if they are nearer than the near plane, farther than the far plane, off the image,
 without area, hidden by their convex mesh, or culled and not kept.
@@ -35,7 +35,7 @@ from renderers.raster.layout import (
     box_of,
     vertex_of,
 )
-from renderers.raster.primitive_setup import set_up_single_triangle
+from renderers.raster.primitive_setup import set_up_general_triangle
 from renderers.raster.tiny_triangles import can_rasterize_tiny, is_tiny, rasterize_tiny
 from renderers.raster.triangle_geometry import (
     Corners,
@@ -58,10 +58,10 @@ class _LaneBits(NamedTuple):
     """Which of eight triangles become primitives, a bit for each."""
 
     small: I64
-    single: I64
-    """Large, to be clipped, or too deep for SmallTriangle (MAX_SMALL_DEPTH_RATIO): set up one at a time."""
+    general: I64
+    """Those that ``small`` cannot have: large, to be clipped, or with depths beyond MAX_SMALL_DEPTH_RATIO."""
     culled: I64
-    """Culled faces. ``small`` has them only if they are kept."""
+    """Those whose visible side is culled. They are in ``small``, too, if the frame keeps culled faces for its depth."""
 
 
 @device_function
@@ -86,23 +86,25 @@ def _set_up_eight_triangles(
     draw = frame.draws[draw_index]
     # Load; drop what is nearer than the near plane or farther than the far plane.
     corners = load_triangles(draw, first_triangle, count, vertices)
-    is_unclipped = _is_drawn_unclipped(frame, corners.inv_z, count)
+    passes_unclipped = _passes_unclipped(frame, corners.inv_z, count)
     needs_clipping = _needs_clipping(corners.inv_z, count)
-    if vec.movemask(is_unclipped | needs_clipping) == 0:
+    if vec.movemask(passes_unclipped | needs_clipping) == 0:
         return
 
     # Snap; drop what is off the image. Other lanes get 0: they may be NaN or not fit int32.
     zeros = vec.f32(0.0), vec.f32(0.0), vec.f32(0.0)
-    corners = Corners(select3(is_unclipped, corners.x, zeros), select3(is_unclipped, corners.y, zeros), corners.inv_z)
+    corners = Corners(
+        select3(passes_unclipped, corners.x, zeros), select3(passes_unclipped, corners.y, zeros), corners.inv_z
+    )
     gx, gy = snap_to_grid_3(corners.x), snap_to_grid_3(corners.y)
     box = bounding_box(gx, gy, frame.sample_reach)
-    in_image = is_unclipped & overlaps_image(frame, box)
+    in_image = passes_unclipped & overlaps_image(frame, box)
 
-    # Tell small from single.
+    # Tell small from general.
     fits_small = _fits_small(box, corners.inv_z)
-    single_bits = vec.movemask((in_image & ~fits_small) | needs_clipping)
+    general_bits = vec.movemask((in_image & ~fits_small) | needs_clipping)
 
-    # Cull small ones. The area of single ones may overflow int32; primitive_setup culls these.
+    # Cull small ones. The area of general ones may overflow int32; primitive_setup culls these.
     area = (gx[1] - gx[0]) * (gy[2] - gy[0]) - (gx[2] - gx[0]) * (gy[1] - gy[0])
     is_counterclockwise = area < vec.i32(0)
     area_sign = vec.select(is_counterclockwise, vec.i32(-1), vec.i32(1))
@@ -110,7 +112,7 @@ def _set_up_eight_triangles(
     visible_small = in_image & fits_small & (area != vec.i32(0)) & (area_sign != vec.i32(draw.hidden_area_sign))
     if frame.first_back_bin == 0:  # culled faces are not kept
         visible_small = visible_small & ~is_culled
-    if vec.movemask(visible_small) == 0 and single_bits == 0:
+    if vec.movemask(visible_small) == 0 and general_bits == 0:
         return
 
     # Edge functions, of corners in clockwise order, and planes of 1/z, to which the order does not matter.
@@ -128,17 +130,17 @@ def _set_up_eight_triangles(
         if vec.movemask(tiny) != 0:
             rasterize_tiny(frame, triangles, tiny, is_culled, chunk)
             small_bits &= ~vec.movemask(tiny)
-    if (small_bits | single_bits) != 0:
-        small_fields = _small_fields_array()
+    if (small_bits | general_bits) != 0:
+        small_fields = _small_fields_array()  # the same memory for every eight triangles
         _store_small_fields(small_fields, triangles)
-        bits = _LaneBits(small=small_bits, single=single_bits, culled=vec.movemask(is_culled))
+        bits = _LaneBits(small=small_bits, general=general_bits, culled=vec.movemask(is_culled))
         _append_primitives(frame, draw_index, first_triangle, bits, small_fields, chunk)
 
 
 @inlined
-def _is_drawn_unclipped(frame: RasterFrame, inv_z: F32x8x3, count: I64) -> Mask8:
-    """Return which of the first ``count`` triangles have no corner BEFORE_NEAR_PLANE or OUTSIDE_GUARD_BAND, whose 1/z
-    is negative, and at least one nearer than the far plane."""
+def _passes_unclipped(frame: RasterFrame, inv_z: F32x8x3, count: I64) -> Mask8:
+    """Return which of the first ``count`` triangles may be visible and need no clipping: all corners have a positive
+    1/z, not BEFORE_NEAR_PLANE or OUTSIDE_GUARD_BAND, and at least one corner is nearer than the far plane."""
     is_used = vec.iota() < vec.i32(count)
     return is_used & (minimum_of_3(inv_z) > vec.f32(0.0)) & (maximum_of_3(inv_z) >= vec.f32(frame.inv_z_far))
 
@@ -169,7 +171,7 @@ def _store_small_fields(small_fields: Pointer[I32], triangles: EightTriangles) -
     """Write eight SmallTriangles as (SMALL_FIELD_COUNT, 8): one row per field, one column per triangle."""
     ids, box, edges, plane = triangles
     row_shift = vec.i32(16)
-    packed_corner = (box.top << row_shift) | (box.left & vec.i32(0xFFFF))
+    packed_origin = (box.top << row_shift) | (box.left & vec.i32(0xFFFF))
     packed_size = ((box.bottom - box.top) << row_shift) | (box.right - box.left)
     _store_row(small_fields, SMALL_FIELD_INDEX.edge_base, edges.base[0])
     _store_row(small_fields, SMALL_FIELD_INDEX.edge_base + 1, edges.base[1])
@@ -180,7 +182,7 @@ def _store_small_fields(small_fields: Pointer[I32], triangles: EightTriangles) -
     _store_row(small_fields, SMALL_FIELD_INDEX.edge1_dy, edges.dy[1])
     _store_row(small_fields, SMALL_FIELD_INDEX.id, ids)
     _store_row(small_fields, SMALL_FIELD_INDEX.kind, vec.i32(KIND_SMALL))
-    _store_row(small_fields, SMALL_FIELD_INDEX.box_corner, packed_corner)
+    _store_row(small_fields, SMALL_FIELD_INDEX.box_origin, packed_origin)
     _store_row(small_fields, SMALL_FIELD_INDEX.box_size, packed_size)
     _store_row(small_fields, SMALL_FIELD_INDEX.inv_z_base, vec.float_bits(plane.base))
     _store_row(small_fields, SMALL_FIELD_INDEX.inv_z_dx, vec.float_bits(plane.dx))
@@ -199,20 +201,20 @@ def _append_primitives(
     frame: RasterFrame, draw_index: I64, first_triangle: I64, bits: _LaneBits, small_fields: Pointer[I32], chunk: Chunk
 ) -> None:
     """Append triangles to a Chunk in the order of their lanes; ``first_triangle``: that of lane 0."""
-    pending = bits.small | bits.single
+    pending = bits.small | bits.general
     while pending != 0:
         lane = vec.lowest_bit(pending)
         bit = i64(1) << lane
         pending &= pending - 1
         primitive = chunk.primitives[chunk.primitive_count]  # append_primitive keeps it only if it touches a bin
         if bit & bits.small:
-            words = i32_at(address(primitive))  # not all eight by a vector transpose: often few are kept
+            words = i32_at(address(primitive))  # one by one: often few are kept, so that a transpose would not pay
             for field in range(SMALL_FIELD_COUNT):
                 words[field] = small_fields[vec.LANES * field + lane]
             _, top, _, row_count = box_of(SmallTriangle(address(primitive)))
             base_bin = frame.first_back_bin if bit & bits.culled else 0
             first_bin, last_bin = bin_range(max(top, 0), min(top + row_count, frame.height), base_bin)
         else:
-            first_bin, last_bin = set_up_single_triangle(frame, draw_index, first_triangle + lane, primitive)
+            first_bin, last_bin = set_up_general_triangle(frame, draw_index, first_triangle + lane, primitive)
             primitive.id = frame.draws[draw_index].first_id + first_triangle + lane
         append_primitive(chunk, first_bin, last_bin)

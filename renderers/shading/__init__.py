@@ -11,10 +11,10 @@ Each row of a visibility buffer goes through the same steps, called by ``headlig
 
 1. ``spans`` cuts it into spans (pixels that see one primitive), segments (spans of one instance) and parts (at most
    MAX_PART_PIXELS of a segment, shaded at a time).
-2. ``span_setup`` fills SpanSums: weighted sums of vertex attributes at the start of each span, and their change per
-   pixel. ``interpolation`` turns them into ShadedPixels, eight pixels at a time.
+2. ``span_setup`` fills PartSpans: weighted sums of vertex attributes at the start of each span, and their changes
+   per pixel. ``interpolation`` turns them into PartPixels, eight pixels at a time.
 3. ``material``: base colour, normal map and the other maps, read by ``sampling`` (``mip_levels``, ``texels``,
-   ``area_filter``), into further rows of ShadedPixels.
+   ``area_filter``), into further rows of PartPixels.
 4. ``headlight.lighting`` or ``studio.lighting``: light (``brdf``).
 5. ``headlight.output_merge`` or ``studio.tone_mapping``: translucent layers, background; ``packed_rows``: bytes.
 
@@ -27,20 +27,19 @@ bytes.
 
 Parameters of device functions that mean the same everywhere have no line of their own:
 
-- ``context`` is a ShadingContext, ``inputs`` ShadingInputs, ``job`` those of a look; ``span_sums``, ``pixels``,
+- ``context`` is a ShadingContext, ``inputs`` ShadingInputs, ``job`` those of a look; ``part_spans``, ``pixels``,
   ``material``, ``texture``, ``surfaces``, ``lighting``: the struct of this name.
-- ``count``: number of pixels of the part that is shaded. ``x``: index of the first of eight pixels, in the part. In
-  loops over ``begin .. end``, and where the docstring says "row", it is an index in the row of pixels instead.
-- ``y``: row of the image. ``column``: column of the image. Pixel k of a row is in column k, unless ShadingContext has
-  ``columns``.
-- ``span``: index of a span in the row; ``slot``: index in SpanSums, and so in the part, of the first of eight spans.
-- ``rows``: pointer to rows of SpanSums or ShadedPixels. ``packed_row``: pointer to int32, see ``packed_rows``.
-- ``alpha``: bool, False: the fourth channel is not needed.
+- ``count``: number of pixels of the part that is shaded. ``pixel``: index of the first of eight pixels, in the part.
+- ``x``, ``begin``, ``end``: indices in the row of pixels. ``y``: row of the image. ``column``: column of the image.
+  Pixel x of a row is in column x, unless ShadingContext has ``columns``.
+- ``span``: index of a span in the row; ``slot``: index in PartSpans, and so in the part, of the first of eight spans.
+- ``rows``: pointer to rows of PartSpans or PartPixels. ``packed_row``: pointer to int32, see ``packed_rows``.
+- ``with_alpha``: False: the fourth channel is not needed.
 
 Values of eight pixels are f32x8 if nothing is said, points and directions three of them in the optical frame (metres);
 colours are RGB, 0 .. 1. Ranges are those of ``docs/rasterizer.md``.
 
-To add a material property: a field of ShadingMaterial, set in ``materials``; rows of ShadedPixels if it varies
+To add a material property: a field of ShadingMaterial, set in ``materials``; rows of PartPixels if it varies
 between pixels; and its use in the lighting. A value per image is a field of the look's job, set by its ``passes``.
 Kernels that shade pixels do not call the C library's math functions, whose results differ between machines. Their
 device functions take pointers instead of arrays, and their loops over pixels overrun by up to seven.

@@ -18,8 +18,8 @@ from renderers.compiler import simd as vec
 from renderers.compiler.device_function import inlined
 from renderers.compiler.kernel_types import I64
 from renderers.compiler.simd import F32x8, F32x8x2, F32x8x4, I32x8x3
-from renderers.shading.layout import ShadedPixels, ShadingTexture
-from renderers.shading.texels import TextureView, level_size, locate, read_texels, texels_of_level, wrapped
+from renderers.shading.layout import PartPixels, ShadingTexture
+from renderers.shading.texels import TextureFields, level_size, locate, located_rows, read_texels, wrapped
 
 _NO_LEVEL: Final = -1
 _MAX_SAMPLES: Final = 12
@@ -126,21 +126,21 @@ def is_within_texel(texture: ShadingTexture, gradient: F32x8x4) -> bool:
 @inlined
 def sample_area(
     texture: ShadingTexture,
-    view: TextureView,
-    pixels: ShadedPixels,
-    x: I64,
+    fields: TextureFields,
+    pixels: PartPixels,
+    pixel: I64,
     u: F32x8,
     v: F32x8,
     gradient: F32x8x4,
-    alpha: bool,
+    with_alpha: bool,
 ) -> F32x8x4:
     """Return RGBA, 0 .. 1, averaged over the footprints of eight pixels.
 
     Args:
-        texture, view: a ShadingTexture and its TextureView.
+        texture, fields: a ShadingTexture and its TextureFields.
         pixels: its rows of texels are overwritten.
         u, v: texture coordinates of the pixels' centres.
-        alpha: True: read alpha. Otherwise it is 1.
+        with_alpha: False: A is 1, and not read.
     """
     du_dx, dv_dx, du_dy, dv_dy = gradient
     zero, half, one = vec.f32(0.0), vec.f32(0.5), vec.f32(1.0)
@@ -159,17 +159,17 @@ def sample_area(
         spread_y = _sample_spread(squared_down, row_count, edge_variance)
     r, g, b, a = zero, zero, zero, zero
     # Each sample is located and read in the same rows.
-    offsets, weights = texels_of_level(pixels, 0)
+    offsets, weights = located_rows(pixels, 0)
     # Each pixel has a grid of its own, and takes no part in the samples beyond it.
     for row in range(vec.maximum_of(rows)):
         offset_y = (vec.f32(row + 0.5) / row_count - half) * spread_y  # from the pixel's centre, pixels
         row_u, row_v = u + offset_y * du_dy, v + offset_y * dv_dy
         for column in range(vec.maximum_of(columns)):
             offset_x = (vec.f32(column + 0.5) / column_count - half) * spread_x
-            sample_u = wrapped(row_u + offset_x * du_dx, view.wrap_s)
-            sample_v = wrapped(row_v + offset_x * dv_dx, view.wrap_t)
-            locate(view, offsets, weights, x, level, linear_lanes, sample_u, sample_v)
-            rgba = read_texels(view, offsets, weights, x, alpha)
+            sample_u = wrapped(row_u + offset_x * du_dx, fields.wrap_s)
+            sample_v = wrapped(row_v + offset_x * dv_dx, fields.wrap_t)
+            locate(fields, offsets, weights, pixel, level, linear_lanes, sample_u, sample_v)
+            rgba = read_texels(fields, offsets, weights, pixel, with_alpha)
             is_sampled = (vec.i32(row) < rows) & (vec.i32(column) < columns)
             r, g = r + vec.select(is_sampled, rgba[0], zero), g + vec.select(is_sampled, rgba[1], zero)
             b, a = b + vec.select(is_sampled, rgba[2], zero), a + vec.select(is_sampled, rgba[3], zero)

@@ -196,28 +196,28 @@ def _key_factor(light: CameraLightInputs, normal: F32x8x3, point: F32x8x3, other
 
 @inlined
 def _store_light_images(
-    light: CameraLightInputs, images: LightImages, x: I64, count: I64, normal: F32x8x3, point: F32x8x3, total: F32x8
+    light: CameraLightInputs, images: LightImages, pixel: I64, count: I64, normal: F32x8x3, point: F32x8x3, total: F32x8
 ) -> None:
-    """Store ``key_factor`` and ``light`` of the pixels x .. x + 8 of a segment, of which there are ``count``."""
-    is_pixel = vec.iota() < vec.i32(count - x)
+    """Store ``key_factor`` and ``light`` of eight pixels of a segment, which has ``count``."""
+    is_pixel = vec.iota() < vec.i32(count - pixel)
     if address(images.key_factor) != 0:
-        vec.store_where(images.key_factor, x, is_pixel, _key_factor(light, normal, point, total))
+        vec.store_where(images.key_factor, pixel, is_pixel, _key_factor(light, normal, point, total))
     if address(images.light) != 0:
-        vec.store_where(images.light, x, is_pixel, total)
+        vec.store_where(images.light, pixel, is_pixel, total)
 
 
 @device_function
 def write_light_images(light: CameraLightInputs, context: ShadingContext, count: I64, images: LightImages) -> None:
     """Write ``key_factor`` and ``light`` of the segment's first ``count`` pixels, which have no camera light."""
     pixels = context.pixels
-    for x in range(0, count, vec.LANES):
-        normal, point = load3(pixels.normal, x, ROW_STRIDE), load3(pixels.position, x, ROW_STRIDE)
+    for pixel in range(0, count, vec.LANES):
+        normal, point = load3(pixels.normal, pixel, ROW_STRIDE), load3(pixels.position, pixel, ROW_STRIDE)
         normal = times(normal, scale_to(normal, vec.f32(1.0)))
         to_lamp, lamp = _lamp(light, point)
         red, green, blue = diffuse_light(light, normal, point)
         total = lamp * vec.maximum(dot(normal, to_lamp), vec.f32(0.0)) + ambient_light(light, normal)
         total = total + (red + green + blue) * vec.f32(1.0 / 3.0)
-        _store_light_images(light, images, x, count, normal, point, total)
+        _store_light_images(light, images, pixel, count, normal, point, total)
 
 
 @device_function
@@ -230,13 +230,13 @@ def light_pixels(light: CameraLightInputs, context: ShadingContext, count: I64, 
     lamp_share = images.lamp_share
     material, pixels, has_lamp = context.material, context.pixels, light.lamp > 0.0
     zero, one = vec.f32(0.0), vec.f32(1.0)
-    for x in range(0, count, vec.LANES):
-        normal, point = load3(pixels.normal, x, ROW_STRIDE), load3(pixels.position, x, ROW_STRIDE)
+    for pixel in range(0, count, vec.LANES):
+        normal, point = load3(pixels.normal, pixel, ROW_STRIDE), load3(pixels.position, pixel, ROW_STRIDE)
         normal = times(normal, scale_to(normal, one))
         roughness, metallic = vec.f32(material.roughness), vec.f32(material.metallic)
         if material.metallic_roughness_texture >= 0:
-            roughness = roughness * vec.load(pixels.metallic_roughness, ROW_STRIDE + x)
-            metallic = metallic * vec.load(pixels.metallic_roughness, 2 * ROW_STRIDE + x)
+            roughness = roughness * vec.load(pixels.metallic_roughness, ROW_STRIDE + pixel)
+            metallic = metallic * vec.load(pixels.metallic_roughness, 2 * ROW_STRIDE + pixel)
         lamp, cosine, n_l, specular = zero, zero, zero, zero
         if has_lamp or address(lamp_share) != 0:
             to_lamp, lamp = _lamp(light, point)
@@ -245,10 +245,10 @@ def light_pixels(light: CameraLightInputs, context: ShadingContext, count: I64, 
                 to_camera = times(point, -scale_to(point, one))
                 n_l, specular = vtk_specular(cosine, dot(normal, to_camera), dot(to_camera, to_lamp), roughness)
             cosine = vec.maximum(cosine, zero)
-        ambient = ambient_light(light, normal) * unoccluded_share(material, pixels, x)
+        ambient = ambient_light(light, normal) * unoccluded_share(material, pixels, pixel)
         red, green, blue = diffuse_light(light, normal, point)
         total = lamp * cosine + ambient + (red + green + blue) * vec.f32(1.0 / 3.0)
-        _store_light_images(light, images, x, count, normal, point, total)
+        _store_light_images(light, images, pixel, count, normal, point, total)
         if address(lamp_share) != 0:
             # Smooth metals reflect dots away from the camera. Limited, and not NaN: the last store overruns into what
             # may be the background.
@@ -256,7 +256,7 @@ def light_pixels(light: CameraLightInputs, context: ShadingContext, count: I64, 
             scattered = one - metallic * (one - width * width)
             share = vec.maximum(scattered * cosine / total, zero)
             share = vec.minimum(share, vec.f32(1.0 / MIN_AMBIENT))
-            vec.store(lamp_share, x, share)
+            vec.store(lamp_share, pixel, share)
         # Schlick's (1 - h . l)^5 is below 1e-8 for a lamp that is 8 cm beside the camera and 0.3 m from the surface.
-        store3(pixels.normal, x, ROW_STRIDE, (n_l * lamp, specular * lamp, zero))
-        store3(pixels.scratch_color, x, ROW_STRIDE, (red + ambient, green + ambient, blue + ambient))
+        store3(pixels.normal, pixel, ROW_STRIDE, (n_l * lamp, specular * lamp, zero))
+        store3(pixels.scratch_color, pixel, ROW_STRIDE, (red + ambient, green + ambient, blue + ambient))

@@ -55,9 +55,9 @@ def peeled(
     previous: Visibility | None = None
     for _ in range(max_layers):
         if in_drawing_order:
-            ids_below = previous.ids if previous is not None else None
+            id_limits = previous.ids if previous is not None else None
             layer = rasterizer.visibility(
-                scene, camera, select=select, cull_back=cull_back, in_front_of=behind, ids_below=ids_below, latest=True
+                scene, camera, select=select, cull_back=cull_back, in_front_of=behind, id_limits=id_limits, latest=True
             )
         else:
             layer = rasterizer.visibility(
@@ -115,21 +115,19 @@ def surfaces_in_drawing_order(
             before requesting the next. Where a layer leaves it unchanged, the layer's alpha is 0.
     """
     layer = nearest
-    ids_below = np.full(nearest.ids.shape, np.iinfo(np.int32).max, np.int32)
+    id_limits = np.full(nearest.ids.shape, np.iinfo(np.int32).max, np.int32)
     for _ in range(MAX_LAYERS):
         transmittance_before = transmittance.copy()
         yield layer
         is_undrawn = (layer.ids >= 0) & (transmittance == transmittance_before)
-        ids_below = np.where(is_undrawn, ids_below, layer.ids)
-        ids_below[transmittance <= 0.0] = -1
-        if not (ids_below >= 0).any():
+        id_limits = np.where(is_undrawn, id_limits, layer.ids)
+        id_limits[transmittance <= 0.0] = -1
+        if not (id_limits >= 0).any():
             break
         # Where a surface is not drawn, the next one is behind it. Elsewhere the next one may be at any distance.
         behind = replace(
-            layer,
-            ids=np.where(is_undrawn, layer.ids, 0),
-            inv_z=np.where(is_undrawn, layer.inv_z, np.float32(np.inf)),
+            layer, ids=np.where(is_undrawn, layer.ids, 0), inv_z=np.where(is_undrawn, layer.inv_z, np.float32(np.inf))
         )
         layer = rasterizer.visibility(
-            scene, camera, select=select, cull_back=cull_back, behind=behind, ids_below=ids_below
+            scene, camera, select=select, cull_back=cull_back, behind=behind, id_limits=id_limits
         )

@@ -45,11 +45,11 @@ def pixel_columns(columns: I64, x: I64) -> I32x8:
 
 @inlined
 def _span_values(rows: Pointer[F32], row: I64, slot: I64, offsets: I32x8) -> F32x8:
-    """Return the values in a row of SpanSums for the spans of eight pixels.
+    """Return the values in a row of PartSpans for the spans of eight pixels.
 
     Args:
-        rows: pointer to a field of SpanSums, of which ``row`` is one row.
-        slot: index in SpanSums of the first pixel's span; seven more are loaded.
+        rows: pointer to a field of PartSpans, of which ``row`` is one row.
+        slot: index in PartSpans of the first pixel's span; seven more are loaded.
         offsets: index of each pixel's span, counted from ``slot``.
     """
     return vec.permute(vec.load(rows, row * ROW_STRIDE + slot), offsets)
@@ -69,7 +69,7 @@ def _along_span(rows: Pointer[F32], row: I64, components: I64, slot: I64, offset
 
 @device_function
 def _clear(rows: Pointer[F32], row: I64, row_count: I64, count: I64) -> None:
-    """Fill ``row_count`` rows of ShadedPixels from ``row`` on with zeros."""
+    """Fill ``row_count`` rows of PartPixels from ``row`` on with zeros."""
     for k in range(row, row + row_count):
         for x in range(0, count, vec.LANES):
             vec.store(rows, k * ROW_STRIDE + x, vec.f32(0.0))
@@ -77,53 +77,55 @@ def _clear(rows: Pointer[F32], row: I64, row_count: I64, count: I64) -> None:
 
 @inlined
 def interpolate(context: ShadingContext, begin: I64, end: I64) -> None:
-    """Fill ShadedPixels with the attributes of the row's pixels ``begin .. end``; ``set_up_part`` has filled SpanSums.
+    """Fill PartPixels for the row's pixels ``begin .. end`` from PartSpans.
 
     Up to seven further values per row are overwritten. Texture coordinates that the material reads and the mesh lacks
     become 0, as do their gradients.
     """
-    sums, pixels, start_bits, columns = context.span_sums, context.pixels, context.start_bits, context.columns
-    attributes, span_offsets = context.used_attributes, context.inputs.span_offsets
+    spans, pixels, start_bits, columns = context.part_spans, context.pixels, context.start_bits, context.columns
+    attribute_bits, span_index_of = context.used_attribute_bits, context.inputs.span_index_of_start_bits
     reads_gradients, reads_positions = context.material.reads_gradients != 0, context.inputs.reads_positions != 0
     slot = i64(0)
     for x in range(begin, end, vec.LANES):
         pixel = x - begin  # in the part, as in _store_gradient
-        # Seven bits tell the spans of these eight pixels: a row of spans.SPAN_OFFSETS. With the eighth bit, that of the
-        # next eight's first pixel, their number takes ``slot`` to that pixel's span.
+        # Seven start bits select a row of ``spans.SPAN_INDEX_OF_START_BITS``. The eighth is that of the next vector's
+        # first pixel: counted with the others, it moves ``slot`` on to that pixel's span.
         starts = _span_starts_after(start_bits, x)
-        offsets = vec.load(span_offsets, vec.LANES * (starts & 127))
+        offsets = vec.load(span_index_of, vec.LANES * (starts & 127))
         column = vec.to_f32(pixel_columns(columns, x))
-        t = column - _span_values(sums.first_column, 0, slot, offsets)
+        t = column - _span_values(spans.first_column, 0, slot, offsets)
         normal = (
-            _along_span(sums.normal, 0, 3, slot, offsets, t),
-            _along_span(sums.normal, 1, 3, slot, offsets, t),
-            _along_span(sums.normal, 2, 3, slot, offsets, t),
+            _along_span(spans.normal, 0, 3, slot, offsets, t),
+            _along_span(spans.normal, 1, 3, slot, offsets, t),
+            _along_span(spans.normal, 2, 3, slot, offsets, t),
         )
         store3(pixels.normal, pixel, ROW_STRIDE, normal)
-        if attributes & _OTHER_ATTRIBUTES or reads_positions:
-            weight_sum = _along_span(sums.weight_sum, 0, 1, slot, offsets, t)
+        if attribute_bits & _OTHER_ATTRIBUTES or reads_positions:
+            weight_sum = _along_span(spans.weight_sum, 0, 1, slot, offsets, t)
             inv_weight_sum = vec.f32(1.0) / weight_sum
             for uv_set in range(2):
-                if attributes & (HAS_UV0 << uv_set):
-                    for k in range(2):  # rows of a set in SpanSums: u, v, and their changes
-                        uv = _along_span(sums.uv, 4 * uv_set + k, 2, slot, offsets, t) * inv_weight_sum
+                if attribute_bits & (HAS_UV0 << uv_set):
+                    for k in range(2):  # rows of a set in PartSpans: u, v, and their changes
+                        uv = _along_span(spans.uv, 4 * uv_set + k, 2, slot, offsets, t) * inv_weight_sum
                         vec.store(pixels.uv, (2 * uv_set + k) * ROW_STRIDE + pixel, uv)
                         if reads_gradients:
                             _store_gradient(context, uv_set, k, pixel, slot, offsets, uv, inv_weight_sum)
-            if attributes & HAS_COLORS:
+            if attribute_bits & HAS_COLORS:
                 for k in range(4):
-                    color = _along_span(sums.color, k, 4, slot, offsets, t) * inv_weight_sum
+                    color = _along_span(spans.color, k, 4, slot, offsets, t) * inv_weight_sum
                     vec.store(pixels.color, k * ROW_STRIDE + pixel, color)
-            if attributes & HAS_TANGENTS:
+            if attribute_bits & HAS_TANGENTS:
                 # ``material`` reads which side is seen with tangents only.
-                vec.store(pixels.facing, pixel, _span_values(sums.facing, 0, slot, offsets))
+                vec.store(pixels.facing, pixel, _span_values(spans.facing, 0, slot, offsets))
                 for k in range(4):
-                    vec.store(pixels.tangent, k * ROW_STRIDE + pixel, _along_span(sums.tangent, k, 4, slot, offsets, t))
+                    vec.store(
+                        pixels.tangent, k * ROW_STRIDE + pixel, _along_span(spans.tangent, k, 4, slot, offsets, t)
+                    )
             if reads_positions:
                 _store_surface(context, column, pixel, slot, offsets, t)
         slot += vec.count_bits(starts)
     for uv_set in range(2):  # sets that the material reads and the mesh lacks
-        if context.material.uv_sets & (1 << uv_set) and not attributes & (HAS_UV0 << uv_set):
+        if context.material.uv_sets & (1 << uv_set) and not attribute_bits & (HAS_UV0 << uv_set):
             _clear(pixels.uv, 2 * uv_set, 2, end - begin)
             _clear(pixels.uv_gradient, 4 * uv_set, 4, end - begin)
 
@@ -143,12 +145,12 @@ def _store_gradient(
         uv: u or v.
         inv_sum: 1 / W.
     """
-    sums = context.span_sums
+    spans = context.part_spans
     for axis in range(2):  # columns, rows
-        # In SpanSums and in ShadedPixels: du/dx, dv/dx, du/dy, dv/dy of uv0, then of uv1.
+        # In PartSpans and in PartPixels: du/dx, dv/dx, du/dy, dv/dy of uv0, then of uv1.
         row = 4 * uv_set + 2 * axis + k
-        weight_sum_gradient = _span_values(sums.weight_sum_gradient, axis, slot, offsets)
-        gradient = (_span_values(sums.uv_gradient, row, slot, offsets) - uv * weight_sum_gradient) * inv_sum
+        weight_sum_gradient = _span_values(spans.weight_sum_gradient, axis, slot, offsets)
+        gradient = (_span_values(spans.uv_gradient, row, slot, offsets) - uv * weight_sum_gradient) * inv_sum
         vec.store(context.pixels.uv_gradient, row * ROW_STRIDE + pixel, gradient)
 
 
@@ -161,11 +163,11 @@ def _store_surface(context: ShadingContext, columns: F32x8, pixel: I64, slot: I6
         pixel, slot, offsets: as in ``_store_gradient``.
         t: as in ``_along_span``.
     """
-    sums, pixels, inputs = context.span_sums, context.pixels, context.inputs
-    z = vec.f32(1.0) / _along_span(sums.inv_depth, 0, 1, slot, offsets, t)
+    spans, pixels, inputs = context.part_spans, context.pixels, context.inputs
+    z = vec.f32(1.0) / _along_span(spans.inv_z, 0, 1, slot, offsets, t)
     x = (columns + vec.f32(0.5 - inputs.cx)) * vec.f32(1.0 / inputs.fx) * z
     y = vec.f32((context.y + 0.5 - inputs.cy) / inputs.fy) * z
     store3(pixels.position, pixel, ROW_STRIDE, (x, y, z))
     if inputs.reads_flat_normals != 0:
         for k in range(3):
-            vec.store(pixels.flat_normal, k * ROW_STRIDE + pixel, _span_values(sums.flat_normal, k, slot, offsets))
+            vec.store(pixels.flat_normal, k * ROW_STRIDE + pixel, _span_values(spans.flat_normal, k, slot, offsets))

@@ -11,9 +11,12 @@ from renderers.compiler.structs import Struct, inline
 MAX_PART_PIXELS: Final = 256
 """Maximum number of pixels shaded at a time: their attributes stay in the first-level cache. A multiple of 64."""
 ROW_STRIDE: Final = MAX_PART_PIXELS + LANES
-"""Values in a row of ShadedPixels or SpanSums. Vectors reach up to seven values beyond a part's last pixel or span."""
+"""Values in a row of PartPixels or PartSpans. Vectors reach up to seven beyond a part's last pixel or span."""
 UV_SET_ROWS: Final = 2 + 2
-"""Rows of SpanSums for one set of texture coordinates."""
+"""Rows of PartSpans for one set of texture coordinates: two values of u and two of v, such as start and change."""
+
+TRIANGLE_VERTICES: Final = 3
+"""Value of ``vertices_per_primitive`` for triangles."""
 
 # Bits for the attributes that a mesh has.
 HAS_NORMALS: Final = 1
@@ -39,13 +42,13 @@ EXTRA_COLUMNS: Final = LANES
 
 
 class ShadingInstance(Struct):
-    topology: I64  # number of vertices of a primitive, see drawlist.Topology
+    vertices_per_primitive: I64  # a value of drawlist.Topology
     material_index: I64  # in ShadingInputs.materials
-    indices: Pointer[U32]  # (M, topology)
+    indices: Pointer[U32]  # (M, vertices_per_primitive)
     vertices: Pointer[F32]  # (N, VERTEX_COLUMNS)
     colors: Pointer[F32]  # (N, 4); 0 if the mesh has none
     extras: Pointer[F32]  # (N, EXTRA_COLUMNS); 0 if the mesh has none of them
-    attributes: I64  # HAS_ bits of the mesh
+    attribute_bits: I64  # HAS_ bits of the mesh
 
 
 class InstanceMatrices(Struct):
@@ -59,7 +62,7 @@ class InstanceMatrices(Struct):
 class ShadingMaterial(Struct):
     alpha_mode: I64  # ALPHA_ constant of materials
     lighting: I64  # UNLIT, LAMBERT or METALLIC_ROUGHNESS
-    encodes_gamma: I64  # headlight looks: 1: colours are linear, and encoded by gamma when stored; 0: stored as is
+    encodes_gamma: I64  # 1: headlight looks encode the shaded colour, which is linear, by gamma; 0: they store it as is
     vertex_color_rule: I64  # COLORS_ constant of materials
     uv_sets: I64  # bit 0: a texture reads uv0; bit 1: a texture reads uv1
     reads_gradients: I64  # 1: shading reads uv_gradient
@@ -69,8 +72,8 @@ class ShadingMaterial(Struct):
     normal_texture: I64
     occlusion_texture: I64
     emissive_texture: I64
-    specular_texture: I64  # look studio only, as specular_color_texture
-    specular_color_texture: I64
+    specular_texture: I64  # read by look studio only
+    specular_color_texture: I64  # read by look studio only
     base_color: Pointer[F32] = inline(4)
     metallic: F32
     roughness: F32
@@ -78,7 +81,8 @@ class ShadingMaterial(Struct):
     occlusion_strength: F32
     emissive: Pointer[F32] = inline(3)  # in look studio multiplied by the emissive strength
     alpha_cutoff: F32
-    reflectance: F32  # of the dielectric at normal incidence; this and the next two: look studio only
+    # Read by look studio only:
+    reflectance: F32  # of the dielectric at normal incidence
     specular: F32
     specular_color: Pointer[F32] = inline(3)
 
@@ -119,7 +123,7 @@ class ShadingInputs(Struct):
     textures: ShadingTexture
     linear_from_byte: Pointer[F32]  # color.LINEAR_FROM_BYTE
     linear_from_gamma: Pointer[F32]  # gamma.LINEAR_FROM_GAMMA
-    span_offsets: Pointer[I32]  # spans.SPAN_OFFSETS
+    span_index_of_start_bits: Pointer[I32]  # spans.SPAN_INDEX_OF_START_BITS
     span_setup_kernel: Address  # span_setup.set_up_part_kernel
     sampling_kernel: Address  # sampling.sample_texture
 
@@ -129,54 +133,53 @@ def inline_rows(count: int) -> Any:
     return inline(count * ROW_STRIDE)
 
 
-class SpanSums(Struct):
-    """Spans of a part: rows of ROW_STRIDE float32, one value per span. Sums and 1/depth are linear along a span."""
+class PartSpans(Struct):
+    """Spans of a part: rows of ROW_STRIDE float32, one value per span. Fields with a change are linear along a span.
+
+    Weighted: summed over the primitive's vertices, each times its weight (``span_weights``)."""
 
     first_column: Pointer[F32] = inline_rows(1)  # image column of the first pixel
     facing: Pointer[F32] = inline_rows(1)  # -1 where a back face is visible, else 1
-    # Weighted sums of the vertices' attributes. In each field: values at the first pixel, then changes per pixel.
-    weight_sum: Pointer[F32] = inline_rows(1 + 1)
+    # Weighted sums at the span's first pixel, in as many rows as there are components; then their changes per pixel.
+    weight_sum: Pointer[F32] = inline_rows(1 + 1)  # of the weights alone
     normal: Pointer[F32] = inline_rows(3 + 3)  # optical frame
-    uv: Pointer[F32] = inline_rows(2 * UV_SET_ROWS)  # these for uv0, then for uv1
+    uv: Pointer[F32] = inline_rows(2 * UV_SET_ROWS)  # uv0: u, v, their changes; then uv1 likewise
     color: Pointer[F32] = inline_rows(4 + 4)
     tangent: Pointer[F32] = inline_rows(4 + 4)  # optical frame, and the sign of the bitangent
-    # Filled only with ShadingInputs.reads_positions: 1/depth, 1/m, at the first pixel, and its change per pixel.
-    inv_depth: Pointer[F32] = inline_rows(1 + 1)
-    # Filled with ShadingInputs.reads_flat_normals, or if ``used_attributes`` of ShadingContext lacks HAS_NORMALS: unit
-    # normal of the triangle, towards the camera; 0 for lines and points.
+    # If ShadingInputs.reads_positions is 1: 1/z, 1/m, not weighted, and its change per pixel.
+    inv_z: Pointer[F32] = inline_rows(1 + 1)
+    # If ShadingInputs.reads_flat_normals is 1, or the mesh has no normals that the material reads: unit normal of the
+    # triangle, towards the camera; 0 for lines and points.
     flat_normal: Pointer[F32] = inline_rows(3)
-    # Filled only with ShadingMaterial.reads_gradients: changes of these sums per column of the image, then per row.
+    # If ShadingMaterial.reads_gradients is 1: changes of the weighted sums per column of the image, then per row.
     weight_sum_gradient: Pointer[F32] = inline_rows(1 + 1)
-    uv_gradient: Pointer[F32] = inline_rows(2 * UV_SET_ROWS)  # these for uv0, then for uv1
+    uv_gradient: Pointer[F32] = inline_rows(2 * UV_SET_ROWS)  # uv0: u, v per column, u, v per row; then uv1 likewise
 
 
-class ShadedPixels(Struct):
-    """Attributes of pixels: rows of ROW_STRIDE float32, one value per pixel."""
+class PartPixels(Struct):
+    """Attributes of a part's pixels, from which they are shaded: rows of ROW_STRIDE float32, one value per pixel."""
 
     normal: Pointer[F32] = inline_rows(3)  # optical frame, of the visible side, any length
-    facing: Pointer[F32] = inline_rows(1)  # only with HAS_TANGENTS: -1 where a back face is visible, else 1
+    facing: Pointer[F32] = inline_rows(1)  # if HAS_TANGENTS is used: -1 where a back face is visible, else 1
     uv: Pointer[F32] = inline_rows(2 * 2)  # uv0, uv1
     color: Pointer[F32] = inline_rows(4)  # vertex colour, RGBA
     tangent: Pointer[F32] = inline_rows(4)  # optical frame, any length; sign of the bitangent
-    # Filled only with ShadingMaterial.reads_gradients:
-    uv_gradient: Pointer[F32] = inline_rows(2 * 4)  # uv0, then uv1: du/dx, dv/dx, du/dy, dv/dy per pixel of the image
-    # Filled only with ShadingInputs.reads_flat_normals, as in SpanSums:
-    flat_normal: Pointer[F32] = inline_rows(3)
-    # Filled only with ShadingInputs.reads_positions: optical frame, metres.
-    position: Pointer[F32] = inline_rows(3)
-    # Filled by ``material``; the maps as sampled, without the material's factors:
+    # If ShadingMaterial.reads_gradients is 1: du/dx, dv/dx, du/dy, dv/dy per pixel of the image, of uv0, then of uv1.
+    uv_gradient: Pointer[F32] = inline_rows(2 * 4)
+    flat_normal: Pointer[F32] = inline_rows(3)  # if ShadingInputs.reads_flat_normals is 1: as in PartSpans
+    position: Pointer[F32] = inline_rows(3)  # if ShadingInputs.reads_positions is 1: optical frame, metres
+    # ``material`` fills these. Maps are as sampled, without the material's factors:
     base_color: Pointer[F32] = inline_rows(4)  # and alpha
     metallic_roughness: Pointer[F32] = inline_rows(4)  # roughness is the second channel, metallic the third
     occlusion: Pointer[F32] = inline_rows(4)  # the first channel
     emissive: Pointer[F32] = inline_rows(4)
     scratch_color: Pointer[F32] = inline_rows(4)  # any other texture, or what ``camera_light`` adds
-    # Filled and read by ``sampling``, one texture after the other:
+    # ``sampling`` fills and reads these for one texture after the other:
     level: Pointer[I32] = inline(ROW_STRIDE)  # mip level, or mip_levels.MAGNIFIED
     next_level_weight: Pointer[F32] = inline_rows(1)  # 0 .. 1, of the next mip level
-    sample_uv: Pointer[F32] = inline_rows(2)  # texture coordinates, transformed and texels.wrapped
-    # Two rows for the pixel's mip level, then two for the next level, filled if its weight is not 0. Offsets: index in
-    # ShadingTexture.texels of the upper left and the lower left texel.
-    texel_offsets: Pointer[I32] = inline(2 * 2 * ROW_STRIDE)
+    sample_uv: Pointer[F32] = inline_rows(2)  # texture coordinates after uv_transform and ``texels.wrapped``
+    # Two rows for the pixel's mip level, then two for the next level, which are filled if its weight is not 0.
+    texel_offsets: Pointer[I32] = inline(2 * 2 * ROW_STRIDE)  # indices of upper and lower left texel in ``texels``
     texel_weights: Pointer[F32] = inline_rows(2 * 2)  # of the right and the lower texels
 
 
@@ -189,11 +192,11 @@ class ShadingContext(Struct):
     # Spans of the row.
     start_bits: Pointer[I64]  # one bit per pixel, set where a span begins
     span_starts: Pointer[I32]  # first pixel of each span; after the last span, the number of pixels
-    span_ids: Pointer[I32]  # primitive id of each span
+    span_primitive_ids: Pointer[I32]  # primitive id of each span
     padded_ids: Pointer[I32]  # working memory of spans.find_spans: primitive ids of the row's pixels
     # The part that is being shaded.
-    span_sums: SpanSums
-    pixels: ShadedPixels
+    part_spans: PartSpans
+    pixels: PartPixels
     has_constant_normals: I64  # 1: the normal is constant along each of its spans
     # Set by spans.bind_next_segment.
     first_id: I64  # primitive id of the instance's first primitive
@@ -202,4 +205,4 @@ class ShadingContext(Struct):
     material: ShadingMaterial
     matrices: InstanceMatrices
     X_camera_mesh: Pointer[F64]  # (4, 4)
-    used_attributes: I64  # HAS_ bits that the mesh has and the material reads
+    used_attribute_bits: I64  # HAS_ bits that the mesh has and the material reads

@@ -41,7 +41,7 @@ class MeshBuffers:
     """(N, 4); None if the mesh has none."""
     extras: NDArray[np.float32] | None
     """(N, EXTRA_COLUMNS) tangent and second texture coordinates; None if the mesh lacks both."""
-    attributes: int
+    attribute_bits: int
     """HAS_ bits of ``layout``."""
 
     @property
@@ -52,7 +52,7 @@ class MeshBuffers:
             address_of(self.vertices, np.float32),
             address_of(self.colors, np.float32),
             address_of(self.extras, np.float32),
-            self.attributes,
+            self.attribute_bits,
         )
 
     @property
@@ -107,12 +107,12 @@ def _interleave(mesh: Mesh, tangent_set: int, *, srgb_colors: bool) -> MeshBuffe
         # Many glTF primitives share one long vertex array: keep only the vertices in use.
         used, indices = used_vertices(indices, count)
         count = len(used)
-    attributes = 0
+    attribute_bits = 0
 
     def interleave(rows: NDArray[np.float32], array: NDArray[np.float32] | None, column: int, bit: int) -> None:
-        nonlocal attributes
+        nonlocal attribute_bits
         if array is not None:
-            attributes |= bit
+            attribute_bits |= bit
             rows[:, column : column + array.shape[1]] = array[used]
 
     vertices = np.zeros((count, VERTEX_COLUMNS), np.float32)
@@ -121,13 +121,13 @@ def _interleave(mesh: Mesh, tangent_set: int, *, srgb_colors: bool) -> MeshBuffe
     interleave(vertices, mesh.uv0, VERTEX_UV0, HAS_UV0)
     colors = mesh.colors
     if colors is not None:
-        attributes |= HAS_COLORS
+        attribute_bits |= HAS_COLORS
         colors = np.ascontiguousarray(colors[used])
         colors = srgb_colors_from_linear(colors) if srgb_colors else colors
     tangents = mesh.tangents if tangent_set >= 0 else None
     if mesh.uv1 is None and tangents is None:
-        return MeshBuffers(indices, vertices, colors, None, attributes)
+        return MeshBuffers(indices, vertices, colors, None, attribute_bits)
     extras = np.zeros((count, EXTRA_COLUMNS), np.float32)
     interleave(extras, mesh.uv1, EXTRA_UV1, HAS_UV1)
     interleave(extras, tangents, EXTRA_TANGENT, HAS_TANGENTS)
-    return MeshBuffers(indices, vertices, colors, extras, attributes)
+    return MeshBuffers(indices, vertices, colors, extras, attribute_bits)

@@ -1,10 +1,18 @@
-"""Texture sampling: fills rows of ShadedPixels from a texture, with OpenGL's filters or, with ``area_filter``, averaged
-over each pixel's area.
+"""Texture sampling: fills four rows of PartPixels with a texture's RGBA at the pixels of a part.
 
-Materials call ``sample``, and it the kernel ``sample_texture``, which calls the steps above it. In these, ``uv`` and
-``uv_gradient`` point to the rows of ShadedPixels of the texture's set of coordinates: two, and four if they are filled.
-``rows``: four rows that are filled with RGBA. ``view``: the texture's TextureView. ``uv_transform``: from
-``_load_uv_transform``.
+Materials call ``sample``. It calls the kernel ``sample_texture``, at the end of this file, which has two ways:
+
+- OpenGL's filters, in three loops over the pixels: ``_select_levels`` chooses mip levels, ``_locate_in_levels`` finds
+  the texels, and ``_read_levels`` reads and mixes them. A processor overlaps the loads of short loops better than those
+  of one long loop, and large textures' texels are prefetched before they are read.
+- ``_sample_areas``, with ``area_filter``: means over each pixel's area.
+
+Parameters that mean the same in all steps:
+
+- ``uv``: the two rows of PartPixels with the set of texture coordinates that the texture reads.
+- ``uv_gradient``: the four rows with the gradient of this set. They are filled if the material ``reads_gradients``.
+- ``uv_transform``: from ``_load_uv_transform``. ``fields``: the texture's TextureFields.
+- ``rows``: the four rows that are filled with RGBA; A only if ``with_alpha``.
 """
 
 from __future__ import annotations
@@ -19,9 +27,9 @@ from renderers.compiler.kernel_types import F32, I32, I64, Address, Pointer, i64
 from renderers.compiler.pointers import address, advance, f32_at
 from renderers.compiler.simd import F32x8, F32x8x2, F32x8x4, F32x8x6
 from renderers.shading.area_filter import is_within_texel, sample_area, squared_sides
-from renderers.shading.layout import ROW_STRIDE, ShadedPixels, ShadingContext, ShadingTexture
+from renderers.shading.layout import ROW_STRIDE, PartPixels, ShadingContext, ShadingTexture
 from renderers.shading.mip_levels import MAGNIFIED, is_minified, mip_levels
-from renderers.shading.texels import TextureView, locate, read_texels, texels_of_level, texture_view, wrapped
+from renderers.shading.texels import TextureFields, locate, located_rows, read_texels, texture_fields, wrapped
 from renderers.shading.texture_table import MIPS_NONE
 from renderers.shading.vec3 import load3, store3
 
@@ -38,84 +46,82 @@ def _load_uv_transform(texture: ShadingTexture) -> F32x8x6:
 
 
 @inlined
-def _transformed_uv(uv_transform: F32x8x6, uv: Pointer[F32], x: I64) -> F32x8x2:
-    """Return (u, v) of eight pixels, transformed; ``uv``: pointer to the two rows of a set in ShadedPixels."""
+def _transformed_uv(uv_transform: F32x8x6, uv: Pointer[F32], pixel: I64) -> F32x8x2:
+    """Return (u, v) of eight pixels, transformed."""
     a, b, c, d, e, f = uv_transform
-    u, v = vec.load(uv, x), vec.load(uv, ROW_STRIDE + x)
+    u, v = vec.load(uv, pixel), vec.load(uv, ROW_STRIDE + pixel)
     return a * u + b * v + c, d * u + e * v + f
 
 
 @inlined
-def _transformed_gradient(uv_transform: F32x8x6, uv_gradient: Pointer[F32], x: I64) -> F32x8x4:
-    """Return the sides of eight pixels' footprints as texture coordinates: du/dx, dv/dx, du/dy, dv/dy.
-
-    Args:
-        uv_gradient: pointer to the four rows of ShadedPixels for the texture's set of coordinates.
-    """
+def _transformed_gradient(uv_transform: F32x8x6, uv_gradient: Pointer[F32], pixel: I64) -> F32x8x4:
+    """Return the sides of eight pixels' footprints as texture coordinates: du/dx, dv/dx, du/dy, dv/dy."""
     a, b, _, d, e, _ = uv_transform
-    du_dx, dv_dx = vec.load(uv_gradient, x), vec.load(uv_gradient, x + ROW_STRIDE)
-    du_dy, dv_dy = vec.load(uv_gradient, x + 2 * ROW_STRIDE), vec.load(uv_gradient, x + 3 * ROW_STRIDE)
+    du_dx, dv_dx = vec.load(uv_gradient, pixel), vec.load(uv_gradient, pixel + ROW_STRIDE)
+    du_dy, dv_dy = vec.load(uv_gradient, pixel + 2 * ROW_STRIDE), vec.load(uv_gradient, pixel + 3 * ROW_STRIDE)
     return a * du_dx + b * dv_dx, d * du_dx + e * dv_dx, a * du_dy + b * dv_dy, d * du_dy + e * dv_dy
 
 
 @inlined
-def _store_texel(rows: Pointer[F32], x: I64, rgba: F32x8x4, alpha: bool) -> None:
-    """Store RGB, and A only if ``alpha``, in four rows of ShadedPixels."""
-    store3(rows, x, ROW_STRIDE, rgba)
-    if alpha:
-        vec.store(rows, 3 * ROW_STRIDE + x, rgba[3])
+def _store_rgba(rows: Pointer[F32], pixel: I64, rgba: F32x8x4, with_alpha: bool) -> None:
+    """Store RGB, and A if ``with_alpha``, of eight pixels."""
+    store3(rows, pixel, ROW_STRIDE, rgba)  # R, G and B
+    if with_alpha:
+        vec.store(rows, 3 * ROW_STRIDE + pixel, rgba[3])
 
 
 @inlined
 def _sample_areas(
     texture: ShadingTexture,
-    view: TextureView,
+    fields: TextureFields,
     uv_transform: F32x8x6,
     uv: Pointer[F32],
     uv_gradient: Pointer[F32],
-    pixels: ShadedPixels,
+    pixels: PartPixels,
     count: I64,
     rows: Pointer[F32],
-    alpha: bool,
+    with_alpha: bool,
 ) -> None:
     """Fill ``rows`` with the texture's means over the pixels' areas."""
-    for x in range(0, count, vec.LANES):
-        u, v = _transformed_uv(uv_transform, uv, x)
-        gradient = _transformed_gradient(uv_transform, uv_gradient, x)
+    for pixel in range(0, count, vec.LANES):
+        u, v = _transformed_uv(uv_transform, uv, pixel)
+        gradient = _transformed_gradient(uv_transform, uv_gradient, pixel)
         if is_within_texel(texture, gradient):
-            offsets, weights = texels_of_level(pixels, 0)
-            level, is_linear = vec.i32(0), vec.i32(0) == vec.i32(0)
-            locate(view, offsets, weights, x, level, is_linear, wrapped(u, view.wrap_s), wrapped(v, view.wrap_t))
-            rgba = read_texels(view, offsets, weights, x, alpha)
+            offsets, weights = located_rows(pixels, 0)
+            level_0 = vec.i32(0)
+            all_linear = level_0 == level_0  # set in all lanes: one bilinear sample is enough
+            u, v = wrapped(u, fields.wrap_s), wrapped(v, fields.wrap_t)
+            locate(fields, offsets, weights, pixel, level_0, all_linear, u, v)
+            rgba = read_texels(fields, offsets, weights, pixel, with_alpha)
         else:
-            rgba = sample_area(texture, view, pixels, x, u, v, gradient, alpha)
-        _store_texel(rows, x, rgba, alpha)
+            rgba = sample_area(texture, fields, pixels, pixel, u, v, gradient, with_alpha)
+        _store_rgba(rows, pixel, rgba, with_alpha)
 
 
 @inlined
 def _select_levels(
     texture: ShadingTexture,
-    view: TextureView,
+    fields: TextureFields,
     uv_transform: F32x8x6,
     uv: Pointer[F32],
     uv_gradient: Pointer[F32],
-    pixels: ShadedPixels,
+    pixels: PartPixels,
     count: I64,
 ) -> bool:
     """Fill ``level``, ``next_level_weight`` and ``sample_uv``; return True if any pixel is between two levels.
 
-    If the filter does not depend on the scale, ``level`` is 0 and not MAGNIFIED, and the filters of both are the same.
-    If it does, ``uv_gradient`` is filled: ``materials`` sets ``reads_gradients`` by Sampler.depends_on_scale.
+    If the texture has no mip levels and one filter for magnification and minification, all pixels get level 0, not
+    MAGNIFIED, and ``uv_gradient`` is not read: ``materials`` sets ``reads_gradients`` by Sampler.depends_on_scale.
     """
     depends_on_scale = texture.mip_mode != MIPS_NONE or texture.mag_linear != texture.min_linear
-    width, height, zero = vec.f32(view.width), vec.f32(view.height), vec.f32(0.0)
+    width, height, zero = vec.f32(fields.width), vec.f32(fields.height), vec.f32(0.0)
     any_is_between = False
-    for x in range(0, count, vec.LANES):
-        u, v = _transformed_uv(uv_transform, uv, x)
+    for pixel in range(0, count, vec.LANES):
+        u, v = _transformed_uv(uv_transform, uv, pixel)
         level, next_level_weight = vec.i32(0), zero
         if depends_on_scale:
             squared_across, squared_down = squared_sides(
-                _transformed_gradient(uv_transform, uv_gradient, x), width, height
+                _transformed_gradient(uv_transform, uv_gradient, pixel), width, height
             )
             squared_side = vec.maximum(squared_across, squared_down)
             minified = is_minified(texture, squared_side)
@@ -125,78 +131,79 @@ def _select_levels(
                 level = vec.select(minified, minified_level, level)
                 next_level_weight = vec.select(minified, minified_weight, zero)
                 any_is_between = any_is_between or vec.movemask(next_level_weight > zero) != 0
-        vec.store(pixels.level, x, level)
-        vec.store(pixels.next_level_weight, x, next_level_weight)
-        vec.store(pixels.sample_uv, x, wrapped(u, view.wrap_s))
-        vec.store(pixels.sample_uv, ROW_STRIDE + x, wrapped(v, view.wrap_t))
+        vec.store(pixels.level, pixel, level)
+        vec.store(pixels.next_level_weight, pixel, next_level_weight)
+        vec.store(pixels.sample_uv, pixel, wrapped(u, fields.wrap_s))
+        vec.store(pixels.sample_uv, ROW_STRIDE + pixel, wrapped(v, fields.wrap_t))
     return any_is_between
 
 
 @inlined
-def _any_between_levels(pixels: ShadedPixels, x: I64) -> bool:
+def _any_between_levels(pixels: PartPixels, pixel: I64) -> bool:
     """Return True if any of eight pixels is between two mip levels."""
-    return vec.movemask(vec.load(pixels.next_level_weight, x) > vec.f32(0.0)) != 0
+    return vec.movemask(vec.load(pixels.next_level_weight, pixel) > vec.f32(0.0)) != 0
 
 
 @inlined
-def _prefetch(texels: Pointer[I32], offsets: Pointer[I32], x: I64) -> None:
+def _prefetch(texels: Pointer[I32], offsets: Pointer[I32], pixel: I64) -> None:
     """Prefetch the texels that ``locate`` has stored for eight pixels."""
     for k in range(0, 2 * ROW_STRIDE, ROW_STRIDE):  # the rows of the upper and of the lower texels
         for lane in range(vec.LANES):
-            vec.prefetch(texels, i64(offsets[k + x + lane]))
+            vec.prefetch(texels, i64(offsets[k + pixel + lane]))
 
 
 @inlined
 def _locate_in_levels(
-    texture: ShadingTexture, view: TextureView, pixels: ShadedPixels, count: I64, level_count: I64
+    texture: ShadingTexture, fields: TextureFields, pixels: PartPixels, count: I64, level_count: I64
 ) -> None:
     """Fill ``texel_offsets`` and ``texel_weights`` for each pixel's level, and for the next one if it is between two.
 
     Args:
         level_count: 2 if any pixel is between two levels, else 1.
     """
-    zero, last_level = vec.i32(0), vec.i32(view.last_level)
+    zero, last_level = vec.i32(0), vec.i32(fields.last_level)
     mag_linear, min_linear = vec.i32(texture.mag_linear) != zero, vec.i32(texture.min_linear) != zero
-    prefetches = view.width * view.height > _MIN_PREFETCHED_TEXELS
+    prefetches = fields.width * fields.height > _MIN_PREFETCHED_TEXELS
     for level_offset in range(level_count):
-        offsets, weights = texels_of_level(pixels, level_offset)
-        for x in range(0, count, vec.LANES):
-            if level_offset == 1 and not _any_between_levels(pixels, x):
+        offsets, weights = located_rows(pixels, level_offset)
+        for pixel in range(0, count, vec.LANES):
+            if level_offset == 1 and not _any_between_levels(pixels, pixel):
                 continue
-            level = vec.load(pixels.level, x)
+            level = vec.load(pixels.level, pixel)
             is_magnified = level < zero  # MAGNIFIED
             is_linear = (is_magnified & mag_linear) | (~is_magnified & min_linear)
             level = vec.minimum(vec.maximum(level, zero) + vec.i32(level_offset), last_level)
-            u, v = vec.load(pixels.sample_uv, x), vec.load(pixels.sample_uv, ROW_STRIDE + x)
-            locate(view, offsets, weights, x, level, is_linear, u, v)
+            u, v = vec.load(pixels.sample_uv, pixel), vec.load(pixels.sample_uv, ROW_STRIDE + pixel)
+            locate(fields, offsets, weights, pixel, level, is_linear, u, v)
             if prefetches:
-                _prefetch(view.texels, offsets, x)
+                _prefetch(fields.texels, offsets, pixel)
 
 
 @inlined
 def _read_levels(
-    view: TextureView, pixels: ShadedPixels, count: I64, level_count: I64, rows: Pointer[F32], alpha: bool
+    fields: TextureFields, pixels: PartPixels, count: I64, level_count: I64, rows: Pointer[F32], with_alpha: bool
 ) -> None:
-    """Fill ``rows`` with the texels that ``_locate_in_levels`` has found, interpolated between levels."""
-    for k in range(level_count):
-        offsets, weights = texels_of_level(pixels, k)
-        for x in range(0, count, vec.LANES):
-            if k == 1 and not _any_between_levels(pixels, x):
+    """Fill ``rows`` from the texels that ``_locate_in_levels`` has found, interpolated between levels.
+
+    Args:
+        level_count: as for ``_locate_in_levels``.
+    """
+    for level_offset in range(level_count):
+        offsets, weights = located_rows(pixels, level_offset)
+        for pixel in range(0, count, vec.LANES):
+            if level_offset == 1 and not _any_between_levels(pixels, pixel):
                 continue
-            rgba = read_texels(view, offsets, weights, x, alpha)
-            if k == 1:
-                rgba = _mix_with_stored(rows, x, rgba, vec.load(pixels.next_level_weight, x))
-            _store_texel(rows, x, rgba, alpha)
+            rgba = read_texels(fields, offsets, weights, pixel, with_alpha)
+            if level_offset == 1:
+                rgba = _mix_with_stored(rows, pixel, rgba, vec.load(pixels.next_level_weight, pixel))
+            _store_rgba(rows, pixel, rgba, with_alpha)
 
 
 @inlined
-def _mix_with_stored(rows: Pointer[F32], x: I64, rgba: F32x8x4, weight: F32x8) -> F32x8x4:
-    """Return RGBA between that in four rows of ShadedPixels (weight 0) and ``rgba`` (weight 1).
-
-    Without ``alpha``, A is undefined and not stored.
-    """
-    r, g, b = load3(rows, x, ROW_STRIDE)
-    a = vec.load(rows, 3 * ROW_STRIDE + x)
+def _mix_with_stored(rows: Pointer[F32], pixel: I64, rgba: F32x8x4, weight: F32x8) -> F32x8x4:
+    """Return RGBA between that in ``rows`` (weight 0) and ``rgba`` (weight 1); A is undefined if ``rows`` has none."""
+    r, g, b = load3(rows, pixel, ROW_STRIDE)
+    a = vec.load(rows, 3 * ROW_STRIDE + pixel)
     return (
         r + weight * (rgba[0] - r),
         g + weight * (rgba[1] - g),
@@ -206,40 +213,38 @@ def _mix_with_stored(rows: Pointer[F32], x: I64, rgba: F32x8x4, weight: F32x8) -
 
 
 @device_function
-def sample(context: ShadingContext, index: I64, count: I64, rows: Pointer[F32], alpha: bool) -> None:
+def sample(context: ShadingContext, index: I64, count: I64, rows: Pointer[F32], with_alpha: bool) -> None:
     """Sample a texture at the first ``count`` pixels, 0 .. 1 per channel, by ``sample_texture``.
 
     Texel centres are at ((i + 0.5) / width, (j + 0.5) / height). Mip levels and areas need the rows ``uv_gradient``.
 
     Args:
         index: index of the texture in ShadingInputs.textures.
-        rows: pointer to four rows of ShadedPixels that are filled.
-        alpha: True: fill the fourth row, too. Otherwise it is undefined.
+        rows: four rows of PartPixels that are filled.
+        with_alpha: False: the fourth row is undefined.
     """
-    call_kernel(context.inputs.sampling_kernel, (address(context), index, count, address(rows), i64(alpha)))
+    call_kernel(context.inputs.sampling_kernel, (address(context), index, count, address(rows), i64(with_alpha)))
 
 
 @kernel
-def sample_texture(context_address: Address, index: I64, count: I64, rows_address: Address, has_alpha: I64) -> None:
+def sample_texture(context_address: Address, index: I64, count: I64, rows_address: Address, fills_alpha: I64) -> None:
     """Do what ``sample`` says: a kernel of its own, compiled once for all looks.
 
     Args:
         context_address: address of a ShadingContext.
-        rows_address: address of ``rows``.
-        has_alpha: ``alpha``, 1 or 0.
+        rows_address, fills_alpha: ``rows`` and ``with_alpha`` (0 or 1).
     """
-    context, rows, alpha = ShadingContext(context_address), f32_at(rows_address), has_alpha != 0
+    context, rows, with_alpha = ShadingContext(context_address), f32_at(rows_address), fills_alpha != 0
     inputs, pixels = context.inputs, context.pixels
     texture = inputs.textures[index]
-    view = texture_view(texture, inputs.linear_from_byte)
+    fields = texture_fields(texture, inputs.linear_from_byte)
     uv = advance(pixels.uv, 2 * ROW_STRIDE * texture.uv_set)
     uv_gradient = advance(pixels.uv_gradient, 4 * ROW_STRIDE * texture.uv_set)
     uv_transform = _load_uv_transform(texture)
     if inputs.area_filter != 0 and context.material.reads_gradients != 0:
-        _sample_areas(texture, view, uv_transform, uv, uv_gradient, pixels, count, rows, alpha)
+        _sample_areas(texture, fields, uv_transform, uv, uv_gradient, pixels, count, rows, with_alpha)
     else:
-        # Loops of their own, which a processor overlaps better than one: the texels of all pixels are prefetched.
-        any_between_levels = _select_levels(texture, view, uv_transform, uv, uv_gradient, pixels, count)
+        any_between_levels = _select_levels(texture, fields, uv_transform, uv, uv_gradient, pixels, count)
         level_count = 2 if any_between_levels else 1
-        _locate_in_levels(texture, view, pixels, count, level_count)
-        _read_levels(view, pixels, count, level_count, rows, alpha)
+        _locate_in_levels(texture, fields, pixels, count, level_count)
+        _read_levels(fields, pixels, count, level_count, rows, with_alpha)

@@ -24,7 +24,7 @@ from renderers.shading.materials import MaterialTable, drawn_material
 from renderers.shading.mesh_buffers import MeshBuffers, buffers_of
 from renderers.shading.sampling import sample_texture
 from renderers.shading.span_setup import set_up_part_kernel
-from renderers.shading.spans import SPAN_OFFSETS
+from renderers.shading.spans import SPAN_INDEX_OF_START_BITS
 from renderers.shading.texture_table import TextureTable
 from renderers.shading.textures import texels_of
 from renderers.stop import check_stop
@@ -110,8 +110,8 @@ def prepare(instances: Sequence[Instance], look: LookName, parallel: Parallel | 
     rows: list[tuple[int, ...]] = []
     for instance in instances:
         check_stop()
-        mesh, topology = instance.mesh, instance.mesh.elements.shape[1]
-        material = materials.index_of(instance.material, topology == triangles)
+        mesh, vertices_per_primitive = instance.mesh, instance.mesh.elements.shape[1]
+        material = materials.index_of(instance.material, vertices_per_primitive == triangles)
         # Set of texture coordinates from which missing tangents are generated.
         texture = instance.material.normal_texture
         tangent_set = texture.uv_set if texture is not None and materials.has_normal_map(material) else -1
@@ -121,7 +121,7 @@ def prepare(instances: Sequence[Instance], look: LookName, parallel: Parallel | 
             buffers = buffers_of(mesh, tangent_set, srgb_colors=srgb_colors)
             keep.append(buffers)
             fields = buffer_fields[id(mesh), tangent_set] = buffers.fields
-        rows.append((topology, material, *fields))
+        rows.append((vertices_per_primitive, material, *fields))
     table = np.array(rows, ShadingInstance.dtype) if rows else np.zeros(1, ShadingInstance.dtype)
     material_structs, texture_structs = materials.structs(), textures.structs(parallel)
     drawn = [drawn_material(instance.material, look) for instance in instances]
@@ -147,7 +147,7 @@ def prepare(instances: Sequence[Instance], look: LookName, parallel: Parallel | 
             "textures": address_of(texture_structs, ShadingTexture.dtype),
             "linear_from_byte": address_of(LINEAR_FROM_BYTE, np.float32),
             "linear_from_gamma": address_of(LINEAR_FROM_GAMMA, np.float32),
-            "span_offsets": address_of(SPAN_OFFSETS, np.int32),
+            "span_index_of_start_bits": address_of(SPAN_INDEX_OF_START_BITS, np.int32),
         },
         keep=(*keep, *materials.materials, *textures.keep),
     )

@@ -12,17 +12,14 @@ it, are perspective-correct. All is computed in float64, eight spans at a time.
 from __future__ import annotations
 
 import math
-from typing import Final, NamedTuple
+from typing import NamedTuple
 
 from renderers.compiler import simd as vec
 from renderers.compiler.device_function import inlined
 from renderers.compiler.kernel_types import I64
 from renderers.compiler.simd import F32x8x3, F64x8, F64x8x3, I32x8
-from renderers.drawlist import Topology
-from renderers.shading.layout import ShadingInputs
+from renderers.shading.layout import TRIANGLE_VERTICES, ShadingInputs
 from renderers.shading.vec3 import cross, dot, minus, select3, times, to_f32x3
-
-TRIANGLES: Final = int(Topology.TRIANGLES)
 
 
 class Weights(NamedTuple):
@@ -101,14 +98,14 @@ def _dot_ray(row: F64x8x3, ray_x: F64x8, ray_y: F64x8) -> F64x8:
 
 @inlined
 def weight_matrix(
-    topology: I64, p0: F64x8x3, p1: F64x8x3, p2: F64x8x3, rays: Rays
+    vertices_per_primitive: I64, p0: F64x8x3, p1: F64x8x3, p2: F64x8x3, rays: Rays
 ) -> tuple[tuple[F64x8x3, F64x8x3, F64x8x3], F64x8, F64x8]:
     """Return the matrix whose product with a ray are the weights of the vertices, its determinant, and their sign.
 
     The point's depth, metres, is the determinant divided by the sum of the weights.
 
     Args:
-        topology: as in ShadingInstance.
+        vertices_per_primitive: as in ShadingInstance.
         p0, p1, p2: vertices, metres, optical frame.
         rays: the Rays of the spans.
 
@@ -117,7 +114,7 @@ def weight_matrix(
         weight_sign: 1 or -1: the factor that makes the weights positive.
     """
     zero, one = vec.f64(0.0), vec.f64(1.0)
-    if topology == TRIANGLES:
+    if vertices_per_primitive == TRIANGLE_VERTICES:
         matrix = cross(p1, p2), cross(p2, p0), cross(p0, p1)
         determinant = dot(p0, matrix[0])
         # Negative where the vertices run counter-clockwise as seen, which is the front unless the transform mirrors.
@@ -147,7 +144,7 @@ def _weights_at(matrix: tuple[F64x8x3, F64x8x3, F64x8x3], weight_sign: F64x8, ra
 
 
 @inlined
-def inverse_depths(
+def inv_z_along_span(
     matrix: tuple[F64x8x3, F64x8x3, F64x8x3],
     determinant: F64x8,
     weight_sign: F64x8,
@@ -155,7 +152,7 @@ def inverse_depths(
     steps_to_last: F64x8,
     depths: F64x8x3,
 ) -> tuple[F64x8, F64x8]:
-    """Return 1/depth at the first pixel of spans, 1/m, and its change per pixel.
+    """Return 1/z at the first pixel of spans, 1/m, and its change per pixel.
 
     It is that of the primitive's plane, limited to those of the vertices. Where ``_weights_at`` limits weights, their
     sum gives another depth: with several samples per pixel, slivers are shaded as if they were many pixels away.

@@ -29,10 +29,10 @@ from renderers.shading.layout import (
     HAS_UV1,
     MAX_PART_PIXELS,
     UNLIT,
-    ShadedPixels,
+    PartPixels,
+    PartSpans,
     ShadingContext,
     ShadingInputs,
-    SpanSums,
 )
 
 NO_PRIMITIVE: Final = -1
@@ -64,27 +64,28 @@ class PartEnd(NamedTuple):
     end_span: I64
 
 
-def _span_offsets() -> NDArray[np.int32]:
+def _span_index_of_start_bits() -> NDArray[np.int32]:
     start_bits = (np.arange(128)[:, None] >> np.arange(7)) & 1
     return np.ascontiguousarray(np.pad(np.cumsum(start_bits, axis=1), ((0, 0), (1, 0))), np.int32)
 
 
-SPAN_OFFSETS: Final = _span_offsets()
-"""(128, 8): the index of each of eight pixels' spans, counted from that of pixel 0; for ``interpolate``. Row r: for the
-start bits r, whose bit k belongs to pixel k + 1. Row 0b101, pixels 1 and 3: 0 1 1 2 2 2 2 2."""
+SPAN_INDEX_OF_START_BITS: Final = _span_index_of_start_bits()
+"""(128, 8): the span of each of eight pixels, counted from that of the first, for ``interpolate``. A row's index has a
+start bit for each of the other seven pixels: bit 0 is the second pixel's. In row 0b101, spans begin at the second and
+the fourth pixel: 0 1 1 2 2 2 2 2."""
 
 
 @device_function
 def allocate_row_memory(
-    context: ShadingContext, inputs: ShadingInputs, max_pixels: I64, span_sums: SpanSums, pixels: ShadedPixels
+    context: ShadingContext, inputs: ShadingInputs, max_pixels: I64, part_spans: PartSpans, pixels: PartPixels
 ) -> None:
     """Set inputs and memory of a ShadingContext, for rows of at most ``max_pixels``; ``free_row_memory`` frees it."""
-    context.inputs, context.span_sums, context.pixels = inputs, span_sums, pixels
+    context.inputs, context.part_spans, context.pixels = inputs, part_spans, pixels
     # ``interpolation`` reads words up to pixel_count // 64 + 1, and does not use bits of pixels from pixel_count on.
     context.start_bits = i64_at(allocate(8 * (max_pixels // _PIXELS_PER_WORD + 2)))
     # At most as many spans as pixels; ``find_spans`` stores a whole vector where the last one ends.
     context.span_starts = i32_at(allocate(4 * (max_pixels + vec.LANES)))
-    context.span_ids = i32_at(allocate(4 * (max_pixels + vec.LANES)))
+    context.span_primitive_ids = i32_at(allocate(4 * (max_pixels + vec.LANES)))
     # The padding of ``_pad_ids``: a vector before the row, and a word's pixels after it.
     context.padded_ids = i32_at(allocate(4 * (vec.LANES + max_pixels + _PIXELS_PER_WORD)))
 
@@ -94,7 +95,7 @@ def free_row_memory(context: ShadingContext) -> None:
     """Free the memory of ``allocate_row_memory``."""
     release(address(context.start_bits))
     release(address(context.span_starts))
-    release(address(context.span_ids))
+    release(address(context.span_primitive_ids))
     release(address(context.padded_ids))
 
 
@@ -106,7 +107,7 @@ def find_spans(context: ShadingContext, y: I64, columns: Address, pixel_ids: Poi
     float32 is accurate along a span.
 
     Args:
-        columns: as in ShadingContext. If it is not 0, each pixel is a span of its own.
+        columns: as in ShadingContext. If it is not 0, columns may have gaps, and each pixel is a span of its own.
         pixel_ids: primitive ids of ``pixel_count`` pixels, NO_PRIMITIVE for none.
     """
     context.y, context.columns = y, columns
@@ -146,15 +147,15 @@ def _start_bits(padded_ids: Pointer[I32], word_start: I64) -> I64:
 
 @inlined
 def _append_spans(context: ShadingContext, word_start: I64, bits: I64, span_count: I64) -> None:
-    """Append the spans of a word of start bits to the ``span_count`` before; bit 0 belongs to ``word_start``.
+    """Append the spans of a word of start bits to ``span_count`` spans. Its bit k is pixel ``word_start + k``'s.
 
     Eight at a time, since a branch per span would be unpredictable. What is stored beyond the last span is never used.
     """
-    ids, starts, span_ids = advance(context.padded_ids, vec.LANES), context.span_starts, context.span_ids
+    ids, starts = advance(context.padded_ids, vec.LANES), context.span_starts
     for first_span in range(span_count, span_count + vec.count_bits(bits), vec.LANES):
         for k in range(first_span, first_span + vec.LANES):
             start = word_start + vec.lowest_bit(bits | _HIGHEST_BIT)  # lowest_bit(0) is undefined
-            starts[k], span_ids[k] = start, ids[start]
+            starts[k], context.span_primitive_ids[k] = start, ids[start]
             bits &= bits - 1
 
 
@@ -167,8 +168,8 @@ def bind_next_segment(context: ShadingContext, span: I64, span_count: I64, insta
         span_count: number of spans of the row.
         instance_index: that of the instance that is tried first.
     """
-    inputs, span_ids = context.inputs, context.span_ids
-    primitive_id = i64(span_ids[span])
+    inputs, span_primitive_ids = context.inputs, context.span_primitive_ids
+    primitive_id = i64(span_primitive_ids[span])
     # The background counts as an instance with this id alone.
     first_id, end_id = i64(NO_PRIMITIVE), i64(NO_PRIMITIVE + 1)
     is_background = primitive_id < 0
@@ -177,7 +178,7 @@ def bind_next_segment(context: ShadingContext, span: I64, span_count: I64, insta
         _bind_instance(context, instance_index)
         first_id, end_id = context.first_id, context.end_id
     for first_span in range(span, span_count, vec.LANES):
-        ids = vec.load(span_ids, first_span)
+        ids = vec.load(span_primitive_ids, first_span)
         other_lanes = vec.movemask((ids < vec.i32(first_id)) | (ids >= vec.i32(end_id)))
         if other_lanes != 0:
             return NextSegment(min(first_span + vec.lowest_bit(other_lanes), span_count), instance_index, is_background)
@@ -203,7 +204,7 @@ def _bind_instance(context: ShadingContext, index: I64) -> None:
         read_attributes |= HAS_UV0
     if material.uv_sets & 2:
         read_attributes |= HAS_UV1
-    context.used_attributes = instance.attributes & read_attributes
+    context.used_attribute_bits = instance.attribute_bits & read_attributes
 
 
 @inlined
@@ -215,7 +216,8 @@ def find_part_end(context: ShadingContext, span: I64, begin_pixel: I64, segment_
         begin_pixel: index in the row of the part's first pixel.
         segment_end_pixel: index in the row after the segment's last pixel.
     """
-    end_pixel, end_span = min(segment_end_pixel, (begin_pixel & -MAX_PART_PIXELS) + MAX_PART_PIXELS), span
+    end_pixel = min(segment_end_pixel, (begin_pixel & -MAX_PART_PIXELS) + MAX_PART_PIXELS)
+    end_span = span  # and one more for each start bit of the part
     for word_start in range(begin_pixel & -_PIXELS_PER_WORD, end_pixel, _PIXELS_PER_WORD):
         bits = context.start_bits[word_start // _PIXELS_PER_WORD]
         if word_start < begin_pixel:

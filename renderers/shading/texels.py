@@ -1,14 +1,15 @@
 """Texels of mip levels, eight pixels at a time: wrap modes and bilinear interpolation.
 
 ``locate`` stores which texels a pixel reads, two pairs of neighbours, and ``read_texels`` interpolates between them.
-They are called in separate loops over the pixels, so that the processor overlaps the loads of many pixels::
+They are called in separate loops over the pixels, so that the processor overlaps the loads of many pixels. The head of
+``textures`` shows where mip levels are in memory::
 
     upper offset ->  [a b]       a + tx (b - a)
                                                 > + ty (..)
     lower offset ->  [c d]       c + tx (d - c)
 
 A texture coordinate of 0 is the left or upper border of the image, 1 the other one. Coordinates in texels are those
-times the size of the level; texel i has its centre at i + 0.5, and is to the right of or below texel i - 1.
+times the size of the level. Texel i of a row or column has its centre at i + 0.5.
 """
 
 from __future__ import annotations
@@ -22,7 +23,7 @@ from renderers.compiler.device_function import inlined
 from renderers.compiler.kernel_types import F32, I32, I64, Pointer
 from renderers.compiler.pointers import advance
 from renderers.compiler.simd import F32x8, F32x8x4, I32x8, Mask8
-from renderers.shading.layout import ROW_STRIDE, ShadedPixels, ShadingTexture
+from renderers.shading.layout import ROW_STRIDE, PartPixels, ShadingTexture
 from renderers.shading.texture_table import WRAP_CLAMP, WRAP_MIRROR, WRAP_REPEAT
 
 _MAX_COORDINATE: Final = np.float32(1e9)
@@ -30,11 +31,8 @@ _MAX_COORDINATE: Final = np.float32(1e9)
 _INV_255: Final = np.float32(1.0 / 255.0)
 
 
-class TextureView(NamedTuple):
-    """Fields of a texture that sampling reads, as local variables.
-
-    Kernels would load a struct's fields again after every store.
-    """
+class TextureFields(NamedTuple):
+    """Copies of a ShadingTexture's fields in local variables: kernels would load a struct's again after every store."""
 
     texels: Pointer[I32]
     stride: I64
@@ -50,9 +48,9 @@ class TextureView(NamedTuple):
 
 
 @inlined
-def texture_view(texture: ShadingTexture, linear_from_byte: Pointer[F32]) -> TextureView:
-    """Return the TextureView of a ShadingTexture."""
-    return TextureView(
+def texture_fields(texture: ShadingTexture, linear_from_byte: Pointer[F32]) -> TextureFields:
+    """Return copies of a texture's fields."""
+    return TextureFields(
         texels=texture.texels,
         stride=texture.stride,
         last_level=texture.last_level,
@@ -76,27 +74,28 @@ def level_size(size: I64, level: I32x8) -> I32x8:
 
 
 @inlined
-def texels_of_level(pixels: ShadedPixels, k: I64) -> tuple[Pointer[I32], Pointer[F32]]:
-    """Return the rows of ShadedPixels for the texels of each pixel's mip level (``k`` = 0) or of the next one (1).
+def located_rows(pixels: PartPixels, level_offset: I64) -> tuple[Pointer[I32], Pointer[F32]]:
+    """Return two rows of ``texel_offsets`` and two of ``texel_weights``, which ``locate`` fills.
 
-    Returns:
-        offsets: pointer to two rows of ``texel_offsets``. weights: pointer to two rows of ``texel_weights``.
+    Args:
+        level_offset: 0: the rows for each pixel's mip level; 1: those for the next level.
     """
-    return advance(pixels.texel_offsets, 2 * ROW_STRIDE * k), advance(pixels.texel_weights, 2 * ROW_STRIDE * k)
+    first = 2 * ROW_STRIDE * level_offset
+    return advance(pixels.texel_offsets, first), advance(pixels.texel_weights, first)
 
 
 @inlined
 def _level_row(height: I32x8, level: I32x8) -> I32x8:
-    """``textures.level_row`` of i32x8."""
-    return vec.maximum(height - (height + height >> level) + level, vec.i32(0))
+    """Return the first row of mip levels in memory, which ``textures.level_row`` explains; ``height``: of level 0."""
+    return vec.maximum(height - ((height + height) >> level) + level, vec.i32(0))
 
 
 @inlined
 def wrapped(coordinate: F32x8, wrap: I64) -> F32x8:
-    """Return an f32x8 of texture coordinates in one period, which ``_texel_columns`` and ``_texel_rows`` fold further.
+    """Return texture coordinates in one period of the wrap mode; ``_texel_columns`` and ``_texel_rows`` do the rest.
 
-    With ``WRAP_REPEAT`` it is 0 .. 1, without 1, and with ``WRAP_MIRROR`` 0 .. 2. With ``WRAP_CLAMP`` it is -1 .. 2,
-    since anything beyond a border reads the border.
+    ``WRAP_REPEAT``: 0 <= result < 1. ``WRAP_MIRROR``: 0 <= result <= 2, the image and its mirror image. ``WRAP_CLAMP``:
+    -1 <= result <= 2, so that texel indices fit int32; all indices beyond a border will read the border's texel.
 
     Args:
         wrap: WRAP_ constant of texture_table.
@@ -105,7 +104,7 @@ def wrapped(coordinate: F32x8, wrap: I64) -> F32x8:
     coordinate = vec.select(vec.absolute(coordinate) < vec.f32(_MAX_COORDINATE), coordinate, zero)
     if wrap == WRAP_REPEAT:
         coordinate = coordinate - vec.floor(coordinate)
-        return vec.select(coordinate < one, coordinate, zero)  # 1: a tiny negative number, rounded
+        return vec.select(coordinate < one, coordinate, zero)  # a tiny negative number + 1 is rounded to 1
     if wrap == WRAP_CLAMP:
         return vec.minimum(vec.maximum(coordinate, -one), vec.f32(2.0))
     return coordinate - vec.f32(2.0) * vec.floor(vec.f32(0.5) * coordinate)
@@ -119,7 +118,7 @@ def _clamped(index: I32x8, size: I32x8) -> I32x8:
 
 @inlined
 def _texel_columns(s: F32x8, wrap: I64, width: I32x8, is_linear: Mask8) -> tuple[I32x8, F32x8]:
-    """Return which column a pixel reads, together with the column after it in memory.
+    """Return the left one of the two neighbouring columns that a pixel reads, and the weight of the right one.
 
     Args:
         s: position in texels from the centre of column 0 (``is_linear``), else from its left border.
@@ -127,21 +126,22 @@ def _texel_columns(s: F32x8, wrap: I64, width: I32x8, is_linear: Mask8) -> tuple
         width: of the mip level.
 
     Returns:
-        column: 0 <= column < width.
-        weight: of the column after it.
+        column: 0 <= column < width. The right column is the next one in memory.
+        weight: 0 where the next one in memory is not the neighbour.
     """
     left, zero = vec.floor(s), vec.f32(0.0)
     column, weight = vec.to_i32(left), vec.select(is_linear, s - left, zero)
     if wrap == WRAP_REPEAT:
-        # -1 is the last column. After the last one, the first one is repeated in memory, see textures.
+        # Column -1 is the last one. It is followed in memory by a copy of the first one, see ``textures``.
         return vec.select(column < vec.i32(0), column + width, column), weight
     last = width - vec.i32(1)
     if wrap == WRAP_MIRROR:
-        # The columns i and i + 1 mirror to 2 width - 1 - i and 2 width - 2 - i, of which the second is the left one.
+        # From ``width`` on, column i shows column 2 width - 1 - i: ``column`` shows the right one of the pair,
+        # and column + 1 the left one, 2 width - 2 - column.
         is_mirrored = column >= width
         column = vec.select(is_mirrored, last + last - column, column)
         weight = vec.select(is_mirrored, vec.f32(1.0) - weight, weight)
-    # Beyond a border, both columns are that of the border.
+    # Where one column of the pair is beyond a border, both are the border's.
     weight = vec.select((column >= vec.i32(0)) & (column < last), weight, zero)
     return _clamped(column, width), weight
 
@@ -160,7 +160,8 @@ def _texel_rows(t: F32x8, wrap: I64, height: I32x8, is_linear: Mask8) -> tuple[I
         row = vec.select(row < zero, row + height, row)
         return row, vec.select(next_row < height, next_row, zero), weight
     if wrap == WRAP_MIRROR:
-        # Row -1 mirrors to row 0. Row 2 height is row 0 of the next period. Both become 0 below.
+        # From ``height`` on, row i shows row 2 height - 1 - i. Two rows show row 0 and are -1 after this, which
+        # ``_clamped`` makes 0: row -1, and row 2 height, the first one of the next period.
         row = vec.select(row < height, row, height + height - one - row)
         next_row = vec.select(next_row < height, next_row, height + height - one - next_row)
     return _clamped(row, height), _clamped(next_row, height), weight
@@ -168,39 +169,38 @@ def _texel_rows(t: F32x8, wrap: I64, height: I32x8, is_linear: Mask8) -> tuple[I
 
 @inlined
 def locate(
-    view: TextureView,
+    fields: TextureFields,
     offsets: Pointer[I32],
     weights: Pointer[F32],
-    x: I64,
+    pixel: I64,
     level: I32x8,
     is_linear: Mask8,
     u: F32x8,
     v: F32x8,
 ) -> None:
-    """Store which texels the pixels x .. x + 8 of a part read, and the weights of the right and the lower ones.
+    """Store which texels eight pixels read, and the weights of the right and the lower ones.
 
     Args:
-        offsets, weights: from ``texels_of_level``.
-        level: mip levels.
-        is_linear: m8; set: interpolate between the four nearest texels; else read the texel that contains (u, v).
+        offsets, weights: from ``located_rows``.
+        is_linear: set: interpolate between the four nearest texels; else read the texel that contains (u, v).
         u, v: texture coordinates, ``wrapped``.
     """
-    width, height = vec.i32(view.width), vec.i32(view.height)
-    first_row, first_column = vec.i32(0), vec.i32(0)
-    if view.last_level > 0:
-        first_row = _level_row(height, level)
-        first_column = vec.select(level > vec.i32(0), width + vec.i32(1), first_column)
-        width, height = level_size(view.width, level), level_size(view.height, level)
-    half = vec.select(is_linear, vec.f32(0.5), vec.f32(0.0))
-    s = u * vec.to_f32(width) - half
-    t = v * vec.to_f32(height) - half
-    column, tx = _texel_columns(s, view.wrap_s, width, is_linear)
-    row, next_row, ty = _texel_rows(t, view.wrap_t, height, is_linear)
-    column, stride = column + first_column, vec.i32(view.stride)
-    vec.store(offsets, x, (first_row + row) * stride + column)
-    vec.store(offsets, ROW_STRIDE + x, (first_row + next_row) * stride + column)
-    vec.store(weights, x, tx)
-    vec.store(weights, ROW_STRIDE + x, ty)
+    # Size of the level, and where it begins in memory. Levels from 1 on are right of level 0 and of its copied column.
+    width, height = vec.i32(fields.width), vec.i32(fields.height)
+    level_row, level_column = vec.i32(0), vec.i32(0)
+    if fields.last_level > 0:
+        level_row = _level_row(height, level)
+        level_column = vec.select(level > vec.i32(0), width + vec.i32(1), level_column)
+        width, height = level_size(fields.width, level), level_size(fields.height, level)
+    half = vec.select(is_linear, vec.f32(0.5), vec.f32(0.0))  # distance from a texel's border to its centre
+    s, t = u * vec.to_f32(width) - half, v * vec.to_f32(height) - half
+    column, tx = _texel_columns(s, fields.wrap_s, width, is_linear)
+    row, next_row, ty = _texel_rows(t, fields.wrap_t, height, is_linear)
+    column, stride = column + level_column, vec.i32(fields.stride)
+    vec.store(offsets, pixel, (level_row + row) * stride + column)
+    vec.store(offsets, ROW_STRIDE + pixel, (level_row + next_row) * stride + column)
+    vec.store(weights, pixel, tx)
+    vec.store(weights, ROW_STRIDE + pixel, ty)
 
 
 @inlined
@@ -215,7 +215,7 @@ def _bilinear(a: F32x8, b: F32x8, c: F32x8, d: F32x8, tx: F32x8, ty: F32x8) -> F
 
 
 @inlined
-def _bytes(texel: I32x8, k: I64) -> I32x8:
+def _channel(texel: I32x8, k: I64) -> I32x8:
     """Return channel ``k`` of eight texels, 0 .. 255."""
     return (texel >> vec.i32(8 * k)) & vec.i32(255)
 
@@ -223,33 +223,38 @@ def _bytes(texel: I32x8, k: I64) -> I32x8:
 @inlined
 def _unit_channel(a: I32x8, b: I32x8, c: I32x8, d: I32x8, tx: F32x8, ty: F32x8, k: I64) -> F32x8:
     """Return channel ``k``, stored byte / 255, between four texels."""
-    upper = vec.to_f32(_bytes(a, k)), vec.to_f32(_bytes(b, k))
-    lower = vec.to_f32(_bytes(c, k)), vec.to_f32(_bytes(d, k))
+    upper = vec.to_f32(_channel(a, k)), vec.to_f32(_channel(b, k))
+    lower = vec.to_f32(_channel(c, k)), vec.to_f32(_channel(d, k))
     # Scaled after interpolation: one product in place of four.
     return _bilinear(upper[0], upper[1], lower[0], lower[1], tx, ty) * vec.f32(_INV_255)
 
 
 @inlined
-def read_texels(view: TextureView, offsets: Pointer[I32], weights: Pointer[F32], x: I64, alpha: bool) -> F32x8x4:
-    """Return RGBA, 0 .. 1, of the pixels x .. x + 8 of a part from the texels that ``locate`` has stored.
+def read_texels(
+    fields: TextureFields, offsets: Pointer[I32], weights: Pointer[F32], pixel: I64, with_alpha: bool
+) -> F32x8x4:
+    """Return RGBA, 0 .. 1, of eight pixels from the texels that ``locate`` has stored.
 
     Args:
-        view, offsets, weights: as in ``locate``.
-        alpha: True: read alpha. Otherwise it is 1.
+        fields, offsets, weights: as in ``locate``.
+        with_alpha: False: A is 1, and not read.
     """
-    tx, ty = vec.load(weights, x), vec.load(weights, ROW_STRIDE + x)
-    if view.srgb:
-        upper = vec.decode_pairs(view.linear_from_byte, view.texels, offsets, x)
-        lower = vec.decode_pairs(view.linear_from_byte, view.texels, offsets, ROW_STRIDE + x)
+    tx, ty = vec.load(weights, pixel), vec.load(weights, ROW_STRIDE + pixel)
+    alpha = vec.f32(1.0)
+    if fields.srgb:
+        # RGB of the left texels, then of the right ones.
+        upper = vec.decode_pairs(fields.linear_from_byte, fields.texels, offsets, pixel)
+        lower = vec.decode_pairs(fields.linear_from_byte, fields.texels, offsets, ROW_STRIDE + pixel)
         red = _bilinear(upper[0], upper[3], lower[0], lower[3], tx, ty)
         green = _bilinear(upper[1], upper[4], lower[1], lower[4], tx, ty)
         blue = _bilinear(upper[2], upper[5], lower[2], lower[5], tx, ty)
-        if not alpha:
-            return red, green, blue, vec.f32(1.0)
-    a, b = vec.load_pairs(view.texels, offsets, x)
-    c, d = vec.load_pairs(view.texels, offsets, ROW_STRIDE + x)
-    if not view.srgb:
-        red = _unit_channel(a, b, c, d, tx, ty, 0)
-        green = _unit_channel(a, b, c, d, tx, ty, 1)
-        blue = _unit_channel(a, b, c, d, tx, ty, 2)
-    return red, green, blue, _unit_channel(a, b, c, d, tx, ty, 3) if alpha else vec.f32(1.0)
+    if with_alpha or not fields.srgb:
+        a, b = vec.load_pairs(fields.texels, offsets, pixel)
+        c, d = vec.load_pairs(fields.texels, offsets, ROW_STRIDE + pixel)
+        if not fields.srgb:
+            red = _unit_channel(a, b, c, d, tx, ty, 0)
+            green = _unit_channel(a, b, c, d, tx, ty, 1)
+            blue = _unit_channel(a, b, c, d, tx, ty, 2)
+        if with_alpha:
+            alpha = _unit_channel(a, b, c, d, tx, ty, 3)
+    return red, green, blue, alpha

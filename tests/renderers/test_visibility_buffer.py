@@ -217,13 +217,13 @@ def test_layers_in_drawing_order_are_those_by_distance(renderer: CpuRenderer) ->
     seen = np.array(by_distance)
     earlier = None
     for expected in np.sort(seen, axis=0)[::-1]:
-        layer = renderer.visibility(scene, view, ids_below=earlier, latest=True)
+        layer = renderer.visibility(scene, view, id_limits=earlier, latest=True)
         np.testing.assert_array_equal(layer.ids, expected)
         earlier = layer.ids.copy()
     bound = rng.integers(0, seen.max(), seen.shape[1:]).astype(np.int32)
     is_earlier = (seen >= 0) & (seen < bound)
     nearest = np.where(is_earlier.any(axis=0), np.take_along_axis(seen, is_earlier.argmax(axis=0)[None], 0)[0], -1)
-    layer = renderer.visibility(scene, view, ids_below=bound)
+    layer = renderer.visibility(scene, view, id_limits=bound)
     np.testing.assert_array_equal(layer.ids, nearest)
 
 

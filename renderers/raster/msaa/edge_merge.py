@@ -11,7 +11,7 @@ from renderers.compiler.kernel_types import I64
 from renderers.compiler.pointers import address, advance, u32_at
 from renderers.compiler.structs import Struct
 from renderers.primitive_ids import instance_of
-from renderers.raster.layout import TOPOLOGY_TRIANGLES, RasterFrame
+from renderers.raster.layout import TRIANGLE_VERTICES, RasterFrame
 
 
 class InstanceCache(Struct):
@@ -29,7 +29,7 @@ def _load_instance(frame: RasterFrame, primitive_id: I64, cache: InstanceCache) 
     index = instance_of(first_ids, frame.instance_count, primitive_id, 0)
     instance = frame.instances[index]
     cache.first_id, cache.end_id = first_ids[index], first_ids[index + 1]
-    has_normals = instance.topology == TOPOLOGY_TRIANGLES and instance.mesh_normals != 0
+    has_normals = instance.vertices_per_primitive == TRIANGLE_VERTICES and instance.mesh_normals != 0
     cache.indices = address(instance.mesh_indices) if has_normals else 0
 
 

@@ -22,8 +22,9 @@ from renderers.shading.layout import (
     LAMBERT,
     METALLIC_ROUGHNESS,
     ROW_STRIDE,
+    TRIANGLE_VERTICES,
     UNLIT,
-    ShadedPixels,
+    PartPixels,
     ShadingContext,
     ShadingMaterial,
 )
@@ -34,33 +35,32 @@ from renderers.shading.material import (
     sample_maps,
     unoccluded_share,
 )
-from renderers.shading.span_weights import TRIANGLES
 from renderers.shading.vec3 import broadcast3, load3, multiply3, scale_to, store3, times
 
 _colors = stack_array(I32, vec.LANES)
 
 
 @inlined
-def _base_color(material: ShadingMaterial, pixels: ShadedPixels, has_rows: bool, x: I64) -> F32x8x3:
+def _base_color(material: ShadingMaterial, pixels: PartPixels, has_rows: bool, pixel: I64) -> F32x8x3:
     """Return the base colour of eight pixels.
 
     Args:
         has_rows: True if the rows ``base_color`` are filled, False if all pixels have the material's factor.
     """
     if has_rows:
-        return load3(pixels.base_color, x, ROW_STRIDE)
+        return load3(pixels.base_color, pixel, ROW_STRIDE)
     return broadcast3(material.base_color, 0)
 
 
 @inlined
 def _store_pixels(
     job: HeadlightInputs,
-    pixels: ShadedPixels,
+    pixels: PartPixels,
     is_linear: bool,
     direct: bool,
     packed_row: Pointer[I32],
     begin: I64,
-    x: I64,
+    pixel: I64,
     rgb: F32x8x3,
 ) -> None:
     """Store eight shaded pixels, for translucent layers in the rows ``base_color``.
@@ -71,9 +71,9 @@ def _store_pixels(
         begin: index in the row of the part's first pixel.
     """
     if direct:
-        write_pixels(job, is_linear, packed_row, begin + x, rgb[0], rgb[1], rgb[2])
+        write_pixels(job, is_linear, packed_row, begin + pixel, rgb[0], rgb[1], rgb[2])
     else:
-        store3(pixels.base_color, x, ROW_STRIDE, rgb)
+        store3(pixels.base_color, pixel, ROW_STRIDE, rgb)
 
 
 @inlined
@@ -102,10 +102,12 @@ def _shade_unlit(
     direct, material, pixels = job.mode == DIRECT, context.material, context.pixels
     is_linear = material.encodes_gamma != 0
     lamp_share = _row_of(job, job.lamp_share, context, begin)
-    for x in range(0, count, vec.LANES):
-        _store_pixels(job, pixels, is_linear, direct, packed_row, begin, x, _base_color(material, pixels, has_rows, x))
+    for pixel in range(0, count, vec.LANES):
+        _store_pixels(
+            job, pixels, is_linear, direct, packed_row, begin, pixel, _base_color(material, pixels, has_rows, pixel)
+        )
         if address(lamp_share) != 0:  # the segment before overran it
-            vec.store(lamp_share, x, vec.f32(1.0))
+            vec.store(lamp_share, pixel, vec.f32(1.0))
 
 
 @inlined
@@ -120,10 +122,10 @@ def _shade_lambert(
 ) -> None:
     """Show the base colour times ``_headlight_cosine`` (Lambert)."""
     direct, material, pixels = job.mode == DIRECT, context.material, context.pixels
-    for x in range(0, count, vec.LANES):
-        cosine = _headlight_cosine(load3(pixels.normal, x, ROW_STRIDE))
-        color = times(_base_color(material, pixels, has_rows, x), cosine)
-        _store_pixels(job, pixels, False, direct, packed_row, begin, x, color)
+    for pixel in range(0, count, vec.LANES):
+        cosine = _headlight_cosine(load3(pixels.normal, pixel, ROW_STRIDE))
+        color = times(_base_color(material, pixels, has_rows, pixel), cosine)
+        _store_pixels(job, pixels, False, direct, packed_row, begin, pixel, color)
 
 
 @inlined
@@ -133,15 +135,15 @@ def _light_by_headlight(context: ShadingContext, begin: I64, count: I64) -> None
     center_offset, inv_fx = vec.f32(0.5 - inputs.cx), vec.f32(1.0 / inputs.fx)
     ray_y = vec.f32((context.y + 0.5 - inputs.cy) / inputs.fy)
     roughness_factor, has_roughness_map = vec.f32(material.roughness), material.metallic_roughness_texture >= 0
-    for x in range(0, count, vec.LANES):
-        column = pixel_columns(columns, begin + x)
-        normal = load3(pixels.normal, x, ROW_STRIDE)
+    for pixel in range(0, count, vec.LANES):
+        column = pixel_columns(columns, begin + pixel)
+        normal = load3(pixels.normal, pixel, ROW_STRIDE)
         n_l, n_v, v_l = headlight_cosines(normal, (vec.to_f32(column) + center_offset) * inv_fx, ray_y)
         roughness = roughness_factor
         if has_roughness_map:
-            roughness = roughness * vec.load(pixels.metallic_roughness, ROW_STRIDE + x)
+            roughness = roughness * vec.load(pixels.metallic_roughness, ROW_STRIDE + pixel)
         n_l, specular = vtk_specular(n_l, n_v, v_l, roughness)
-        store3(pixels.normal, x, ROW_STRIDE, (n_l, specular, schlick(v_l)))
+        store3(pixels.normal, pixel, ROW_STRIDE, (n_l, specular, schlick(v_l)))
 
 
 @device_function
@@ -162,31 +164,31 @@ def _shade_pbr(
     # A loop of its own: short bodies, so that a processor overlaps their iterations.
     emissive_factor = broadcast3(material.emissive, 0)
     direct = job.mode == DIRECT
-    for x in range(0, count, vec.LANES):
-        n_l, specular, fresnel = load3(pixels.normal, x, ROW_STRIDE)
+    for pixel in range(0, count, vec.LANES):
+        n_l, specular, fresnel = load3(pixels.normal, pixel, ROW_STRIDE)
         metallic = metallic_factor
         if has_roughness_map:
-            metallic = metallic * vec.load(pixels.metallic_roughness, 2 * ROW_STRIDE + x)
-        diffuse, f0, f90_minus_f0 = vtk_colors(_base_color(material, pixels, has_rows, x), metallic)
+            metallic = metallic * vec.load(pixels.metallic_roughness, 2 * ROW_STRIDE + pixel)
+        diffuse, f0, f90_minus_f0 = vtk_colors(_base_color(material, pixels, has_rows, pixel), metallic)
         unoccluded = vec.f32(1.0)
         if not has_camera_light:
-            unoccluded = unoccluded_share(material, pixels, x)
+            unoccluded = unoccluded_share(material, pixels, pixel)
         emitted = emissive_factor
         if has_emissive_map:
-            emitted = multiply3(emissive_factor, load3(pixels.emissive, x, ROW_STRIDE))
+            emitted = multiply3(emissive_factor, load3(pixels.emissive, pixel, ROW_STRIDE))
         rgb = (
             vtk_reflected(n_l, specular, fresnel, diffuse[0], f0[0], f90_minus_f0[0]) * unoccluded + emitted[0],
             vtk_reflected(n_l, specular, fresnel, diffuse[1], f0[1], f90_minus_f0[1]) * unoccluded + emitted[1],
             vtk_reflected(n_l, specular, fresnel, diffuse[2], f0[2], f90_minus_f0[2]) * unoccluded + emitted[2],
         )
         if has_camera_light:
-            red, green, blue = load3(pixels.scratch_color, x, ROW_STRIDE)
+            red, green, blue = load3(pixels.scratch_color, pixel, ROW_STRIDE)
             rgb = (
                 rgb[0] + red * (diffuse[0] + f0[0] * inv_pi),
                 rgb[1] + green * (diffuse[1] + f0[1] * inv_pi),
                 rgb[2] + blue * (diffuse[2] + f0[2] * inv_pi),
             )
-        _store_pixels(job, pixels, True, direct, packed_row, begin, x, rgb)
+        _store_pixels(job, pixels, True, direct, packed_row, begin, pixel, rgb)
 
 
 @inlined
@@ -204,9 +206,9 @@ def fill_spans(
     """Write the spans ``span .. part_end_span``, each of one colour.
 
     The segment is ``is_uniform_lambert`` and has constant normals along each span, as walls, floors and meshes without
-    normals have. ``set_up_part`` has filled SpanSums.
+    normals have. ``set_up_part`` has filled PartSpans.
     """
-    base_color, normals = broadcast3(context.material.base_color, 0), context.span_sums.normal
+    base_color, normals = broadcast3(context.material.base_color, 0), context.part_spans.normal
     span_starts = context.span_starts
     colors = _colors()
     for first in range(span, part_end_span, vec.LANES):
@@ -220,7 +222,7 @@ def fill_spans(
 
 @inlined
 def shade(job: HeadlightInputs, context: ShadingContext, begin: I64, end: I64, packed_row: Pointer[I32]) -> None:
-    """Shade the pixels ``begin .. end`` of a part, whose attributes are the first values of ShadedPixels.
+    """Shade the pixels ``begin .. end`` of a part, whose attributes are the first values of PartPixels.
 
     In the mode ``DIRECT`` they are stored in ``packed_row``, with up to seven further ones. In the other modes, colour
     and alpha are stored in the rows ``base_color``.
@@ -230,7 +232,8 @@ def shade(job: HeadlightInputs, context: ShadingContext, begin: I64, end: I64, p
     if has_rows:
         fill_base_color(context, count, job.mode != DIRECT)
     wants_light = address(job.key_factor) != 0 or address(job.light) != 0
-    if wants_light and context.instance.topology == TRIANGLES and material.lighting != METALLIC_ROUGHNESS:
+    is_triangle = context.instance.vertices_per_primitive == TRIANGLE_VERTICES
+    if wants_light and is_triangle and material.lighting != METALLIC_ROUGHNESS:
         write_light_images(job.camera_light, context, count, _light_images(job, context, begin))
     if material.lighting == UNLIT:
         _shade_unlit(job, context, has_rows, begin, count, packed_row)

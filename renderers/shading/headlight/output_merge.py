@@ -73,7 +73,7 @@ def _gathered_row(job: HeadlightInputs, y: I64) -> tuple[Pointer[F32], I64]:
 def gather(job: HeadlightInputs, context: ShadingContext, begin: I64, end: I64) -> None:
     """Blend the row's pixels ``begin .. end`` under the layers gathered so far, encoded as stored, as VTK does.
 
-    Their colour and alpha are in the rows ``base_color`` of ShadedPixels.
+    Their colour and alpha are in the rows ``base_color`` of PartPixels.
     """
     gathered, channel_size = _gathered_row(job, context.y)
     pixels, alpha_mode, cutoff = context.pixels, context.material.alpha_mode, context.material.alpha_cutoff

@@ -11,7 +11,7 @@ from renderers.shading.headlight.layout import GATHER, UNDER, HeadlightInputs
 from renderers.shading.headlight.lighting import fill_spans, is_uniform_lambert, shade
 from renderers.shading.headlight.output_merge import gather, write_background, write_under
 from renderers.shading.interpolation import interpolate
-from renderers.shading.layout import ShadedPixels, ShadingContext, SpanSums
+from renderers.shading.layout import PartPixels, PartSpans, ShadingContext
 from renderers.shading.packed_rows import write_packed_row
 from renderers.shading.span_setup import set_up_part
 from renderers.shading.spans import allocate_row_memory, bind_next_segment, find_part_end, find_spans, free_row_memory
@@ -64,7 +64,7 @@ def shade_rows(job_address: Address, ids_address: Address, row_begin: I64, row_e
     row_pixels = job.width + vec.LANES  # stores overrun a row by up to seven pixels
     own_row = i32_at(allocate(4 * row_pixels))
     context = ShadingContext()
-    allocate_row_memory(context, job.shading, job.width, SpanSums(), ShadedPixels())
+    allocate_row_memory(context, job.shading, job.width, PartSpans(), PartPixels())
     span_starts, instance_index = context.span_starts, i64(0)
     for y in range(row_begin, row_end):
         id_count, columns = _ids_of_row(job, y)

@@ -20,23 +20,23 @@ from renderers.shading.vec3 import broadcast3, dot, load3, minus, saturate, stor
 def light_surfaces(lighting: StudioLighting, surfaces: StudioSurfaces, count: I64) -> None:
     """Fill the rows ``to_camera`` and ``color`` of the first ``count`` surfaces."""
     zero = vec.f32(0.0)
-    for x in range(0, count, vec.LANES):
-        store3(surfaces.color, x, ROW_STRIDE, (zero, zero, zero))
-        point = load3(surfaces.position, x, ROW_STRIDE)
+    for pixel in range(0, count, vec.LANES):
+        store3(surfaces.color, pixel, ROW_STRIDE, (zero, zero, zero))
+        point = load3(surfaces.position, pixel, ROW_STRIDE)
         distance = vec.sqrt(point[0] * point[0] + point[1] * point[1] + point[2] * point[2])
         scale = vec.select(distance > zero, vec.f32(-1.0) / distance, zero)
-        store3(surfaces.to_camera, x, ROW_STRIDE, times(point, scale))
+        store3(surfaces.to_camera, pixel, ROW_STRIDE, times(point, scale))
     for k in range(lighting.light_count):
         _add_light(lighting, lighting.lights[k], surfaces, count)
     if lighting.has_environment != 0:
         _add_environment(lighting, surfaces, count)
     exposure = vec.f32(lighting.exposure)
     tone = lighting.tone
-    for x in range(0, count, vec.LANES):
-        r, g, b = load3(surfaces.color, x, ROW_STRIDE)
-        emitted_r, emitted_g, emitted_b = load3(surfaces.emitted, x, ROW_STRIDE)
+    for pixel in range(0, count, vec.LANES):
+        r, g, b = load3(surfaces.color, pixel, ROW_STRIDE)
+        emitted_r, emitted_g, emitted_b = load3(surfaces.emitted, pixel, ROW_STRIDE)
         mapped = tone_map(tone, (r + emitted_r) * exposure, (g + emitted_g) * exposure, (b + emitted_b) * exposure)
-        store3(surfaces.color, x, ROW_STRIDE, mapped)
+        store3(surfaces.color, pixel, ROW_STRIDE, mapped)
 
 
 @inlined
@@ -66,14 +66,14 @@ def _add_light(lighting: StudioLighting, light: StudioLight, surfaces: StudioSur
     """Add the reflection of one light to the rows ``color`` of the first ``count`` surfaces."""
     zero = vec.f32(0.0)
     light_r, light_g, light_b = broadcast3(light.color, 0)
-    for x in range(0, count, vec.LANES):
-        normal = load3(surfaces.normal, x, ROW_STRIDE)
-        point = load3(surfaces.position, x, ROW_STRIDE)
+    for pixel in range(0, count, vec.LANES):
+        normal = load3(surfaces.normal, pixel, ROW_STRIDE)
+        point = load3(surfaces.position, pixel, ROW_STRIDE)
         to_light, attenuation = direction_and_attenuation(light, point)
         n_l = dot(normal, to_light)
         attenuation = vec.select(n_l > zero, attenuation, zero)
         if light.shadow_map >= 0:
-            flat_normal = load3(surfaces.flat_normal, x, ROW_STRIDE)
+            flat_normal = load3(surfaces.flat_normal, pixel, ROW_STRIDE)
             # A triangle shadows its own back.
             attenuation = vec.select(dot(flat_normal, to_light) > zero, attenuation, zero)
             if vec.movemask(attenuation > zero) != 0:
@@ -84,20 +84,20 @@ def _add_light(lighting: StudioLighting, light: StudioLight, surfaces: StudioSur
             continue
         r, g, b = reflected(
             normal,
-            load3(surfaces.to_camera, x, ROW_STRIDE),
+            load3(surfaces.to_camera, pixel, ROW_STRIDE),
             to_light,
             n_l,
-            load3(surfaces.base_color, x, ROW_STRIDE),
-            vec.load(surfaces.metallic, x),
-            vec.load(surfaces.roughness, x),
-            load3(surfaces.f0, x, ROW_STRIDE),
-            vec.load(surfaces.f90, x),
+            load3(surfaces.base_color, pixel, ROW_STRIDE),
+            vec.load(surfaces.metallic, pixel),
+            vec.load(surfaces.roughness, pixel),
+            load3(surfaces.f0, pixel, ROW_STRIDE),
+            vec.load(surfaces.f90, pixel),
         )
-        red, green, blue = load3(surfaces.color, x, ROW_STRIDE)
+        red, green, blue = load3(surfaces.color, pixel, ROW_STRIDE)
         red = red + vec.select(is_lit, attenuation * light_r * r, zero)
         green = green + vec.select(is_lit, attenuation * light_g * g, zero)
         blue = blue + vec.select(is_lit, attenuation * light_b * b, zero)
-        store3(surfaces.color, x, ROW_STRIDE, (red, green, blue))
+        store3(surfaces.color, pixel, ROW_STRIDE, (red, green, blue))
 
 
 @inlined
@@ -168,10 +168,10 @@ def _add_environment(lighting: StudioLighting, surfaces: StudioSurfaces, count: 
     """Add the reflection of the environment to the rows ``color`` of the first ``count`` surfaces."""
     R_world_camera = lighting.R_world_camera
     one, two = vec.f32(1.0), vec.f32(2.0)
-    for x in range(0, count, vec.LANES):
-        normal = load3(surfaces.normal, x, ROW_STRIDE)
-        view = load3(surfaces.to_camera, x, ROW_STRIDE)
-        roughness = saturate(vec.load(surfaces.roughness, x))
+    for pixel in range(0, count, vec.LANES):
+        normal = load3(surfaces.normal, pixel, ROW_STRIDE)
+        view = load3(surfaces.to_camera, pixel, ROW_STRIDE)
+        roughness = saturate(vec.load(surfaces.roughness, pixel))
         n_v = dot(normal, view)
         # The rougher a surface, the more its dominant direction of reflection turns from the mirrored direction to the
         # normal (Lagarde and de Rousiers, "Moving Frostbite to PBR", 2014, 4.9.3).
@@ -193,13 +193,13 @@ def _add_environment(lighting: StudioLighting, surfaces: StudioSurfaces, count: 
         reflection_world = transform_directions(R_world_camera, reflection)
         r0, g0, b0 = _sample_environment(lighting, lower_level, reflection_world)
         r1, g1, b1 = _sample_environment(lighting, lower_level + vec.i32(1), reflection_world)
-        base = load3(surfaces.base_color, x, ROW_STRIDE)
-        f0, f90 = load3(surfaces.f0, x, ROW_STRIDE), vec.load(surfaces.f90, x)
-        metallic = vec.load(surfaces.metallic, x)
+        base = load3(surfaces.base_color, pixel, ROW_STRIDE)
+        f0, f90 = load3(surfaces.f0, pixel, ROW_STRIDE), vec.load(surfaces.f90, pixel)
+        metallic = vec.load(surfaces.metallic, pixel)
         r = ambient_channel(base[0], metallic, f0[0], f90, scale, bias, irradiance[0], r0 + t * (r1 - r0))
         g = ambient_channel(base[1], metallic, f0[1], f90, scale, bias, irradiance[1], g0 + t * (g1 - g0))
         b = ambient_channel(base[2], metallic, f0[2], f90, scale, bias, irradiance[2], b0 + t * (b1 - b0))
-        unoccluded = vec.load(surfaces.unoccluded, x)
-        red, green, blue = load3(surfaces.color, x, ROW_STRIDE)
+        unoccluded = vec.load(surfaces.unoccluded, pixel)
+        red, green, blue = load3(surfaces.color, pixel, ROW_STRIDE)
         lit = red + unoccluded * r, green + unoccluded * g, blue + unoccluded * b
-        store3(surfaces.color, x, ROW_STRIDE, lit)
+        store3(surfaces.color, pixel, ROW_STRIDE, lit)

@@ -7,7 +7,7 @@ from typing import Final
 from renderers.compiler import simd as vec
 from renderers.compiler.device_function import device_function
 from renderers.compiler.kernel_types import I64
-from renderers.shading.layout import ROW_STRIDE, UNLIT, ShadedPixels, ShadingContext, ShadingMaterial
+from renderers.shading.layout import ROW_STRIDE, UNLIT, PartPixels, ShadingContext, ShadingMaterial
 from renderers.shading.material import apply_normal_map, fill_base_color, sample_maps, unoccluded_share
 from renderers.shading.materials import ALPHA_MASK, ALPHA_OPAQUE
 from renderers.shading.sampling import sample
@@ -24,7 +24,7 @@ ALPHA: Final = 2
 
 @device_function
 def fill_surfaces(context: ShadingContext, fill: I64, count: I64, surfaces: StudioSurfaces, first: I64) -> bool:
-    """Fill StudioSurfaces, except ``to_camera`` and ``color``, from the segment's first ``count`` ShadedPixels.
+    """Fill StudioSurfaces, except ``to_camera`` and ``color``, from the segment's first ``count`` PartPixels.
 
     Args:
         fill: ``COLOR``, ``COLOR_AND_ALPHA`` or ``ALPHA``.
@@ -41,9 +41,9 @@ def fill_surfaces(context: ShadingContext, fill: I64, count: I64, surfaces: Stud
         if fill == ALPHA:
             return False
     if material.lighting == UNLIT:
-        for x in range(0, count, vec.LANES):
-            r, g, b = load3(pixels.base_color, x, ROW_STRIDE)
-            store3(surfaces.emitted, first + x, ROW_STRIDE, (saturate(r), saturate(g), saturate(b)))
+        for pixel in range(0, count, vec.LANES):
+            r, g, b = load3(pixels.base_color, pixel, ROW_STRIDE)
+            store3(surfaces.emitted, first + pixel, ROW_STRIDE, (saturate(r), saturate(g), saturate(b)))
         return False
     sample_maps(context, count)
     apply_normal_map(context, count)
@@ -55,60 +55,60 @@ def fill_surfaces(context: ShadingContext, fill: I64, count: I64, surfaces: Stud
 
 @device_function
 def _fill_alpha(
-    material: ShadingMaterial, pixels: ShadedPixels, count: I64, surfaces: StudioSurfaces, first: I64
+    material: ShadingMaterial, pixels: PartPixels, count: I64, surfaces: StudioSurfaces, first: I64
 ) -> None:
     """Fill the row ``alpha`` according to the material's alpha mode."""
     zero, one = vec.f32(0.0), vec.f32(1.0)
-    for x in range(0, count, vec.LANES):
-        alpha = vec.load(pixels.base_color, 3 * ROW_STRIDE + x)
+    for pixel in range(0, count, vec.LANES):
+        alpha = vec.load(pixels.base_color, 3 * ROW_STRIDE + pixel)
         if material.alpha_mode == ALPHA_OPAQUE:
             alpha = one
         elif material.alpha_mode == ALPHA_MASK:
             alpha = vec.select(alpha < vec.f32(material.alpha_cutoff), zero, one)
         else:
             alpha = vec.select(alpha == alpha, saturate(alpha), one)  # NaN is opaque
-        vec.store(surfaces.alpha, first + x, alpha)
+        vec.store(surfaces.alpha, first + pixel, alpha)
 
 
 @device_function
-def _fill_geometry(pixels: ShadedPixels, count: I64, surfaces: StudioSurfaces, first: I64) -> None:
+def _fill_geometry(pixels: PartPixels, count: I64, surfaces: StudioSurfaces, first: I64) -> None:
     """Fill the rows ``normal``, ``position`` and ``flat_normal``."""
     one = vec.f32(1.0)
-    for x in range(0, count, vec.LANES):
-        normal = load3(pixels.normal, x, ROW_STRIDE)
-        store3(surfaces.normal, first + x, ROW_STRIDE, times(normal, scale_to(normal, one)))
-        store3(surfaces.position, first + x, ROW_STRIDE, load3(pixels.position, x, ROW_STRIDE))
-        store3(surfaces.flat_normal, first + x, ROW_STRIDE, load3(pixels.flat_normal, x, ROW_STRIDE))
+    for pixel in range(0, count, vec.LANES):
+        normal = load3(pixels.normal, pixel, ROW_STRIDE)
+        store3(surfaces.normal, first + pixel, ROW_STRIDE, times(normal, scale_to(normal, one)))
+        store3(surfaces.position, first + pixel, ROW_STRIDE, load3(pixels.position, pixel, ROW_STRIDE))
+        store3(surfaces.flat_normal, first + pixel, ROW_STRIDE, load3(pixels.flat_normal, pixel, ROW_STRIDE))
 
 
 @device_function
 def _fill_metallic_roughness(
-    material: ShadingMaterial, pixels: ShadedPixels, count: I64, surfaces: StudioSurfaces, first: I64
+    material: ShadingMaterial, pixels: PartPixels, count: I64, surfaces: StudioSurfaces, first: I64
 ) -> None:
     """Fill the rows ``base_color``, ``metallic``, ``roughness``, ``unoccluded`` and ``emitted``."""
     zero = vec.f32(0.0)
-    for x in range(0, count, vec.LANES):
-        r, g, b = load3(pixels.base_color, x, ROW_STRIDE)
+    for pixel in range(0, count, vec.LANES):
+        r, g, b = load3(pixels.base_color, pixel, ROW_STRIDE)
         base = vec.maximum(r, zero), vec.maximum(g, zero), vec.maximum(b, zero)
-        store3(surfaces.base_color, first + x, ROW_STRIDE, base)
+        store3(surfaces.base_color, first + pixel, ROW_STRIDE, base)
         metallic, roughness = vec.f32(material.metallic), vec.f32(material.roughness)
         if material.metallic_roughness_texture >= 0:
-            roughness = roughness * vec.load(pixels.metallic_roughness, ROW_STRIDE + x)
-            metallic = metallic * vec.load(pixels.metallic_roughness, 2 * ROW_STRIDE + x)
-        vec.store(surfaces.metallic, first + x, saturate(metallic))
-        vec.store(surfaces.roughness, first + x, saturate(roughness))
-        vec.store(surfaces.unoccluded, first + x, unoccluded_share(material, pixels, x))
+            roughness = roughness * vec.load(pixels.metallic_roughness, ROW_STRIDE + pixel)
+            metallic = metallic * vec.load(pixels.metallic_roughness, 2 * ROW_STRIDE + pixel)
+        vec.store(surfaces.metallic, first + pixel, saturate(metallic))
+        vec.store(surfaces.roughness, first + pixel, saturate(roughness))
+        vec.store(surfaces.unoccluded, first + pixel, unoccluded_share(material, pixels, pixel))
         emitted = broadcast3(material.emissive, 0)
         if material.emissive_texture >= 0:
-            emitted = multiply3(emitted, load3(pixels.emissive, x, ROW_STRIDE))
-        store3(surfaces.emitted, first + x, ROW_STRIDE, emitted)
+            emitted = multiply3(emitted, load3(pixels.emissive, pixel, ROW_STRIDE))
+        store3(surfaces.emitted, first + pixel, ROW_STRIDE, emitted)
 
 
 @device_function
 def _fill_dielectric(
     context: ShadingContext,
     material: ShadingMaterial,
-    pixels: ShadedPixels,
+    pixels: PartPixels,
     count: I64,
     surfaces: StudioSurfaces,
     first: I64,
@@ -117,20 +117,20 @@ def _fill_dielectric(
     one, reflectance = vec.f32(1.0), vec.f32(material.reflectance)
     if material.specular_texture >= 0:
         sample(context, material.specular_texture, count, pixels.scratch_color, True)
-    for x in range(0, count, vec.LANES):
+    for pixel in range(0, count, vec.LANES):
         f90 = vec.f32(material.specular)
         if material.specular_texture >= 0:
-            f90 = f90 * vec.load(pixels.scratch_color, 3 * ROW_STRIDE + x)
-        vec.store(surfaces.f90, first + x, f90)
+            f90 = f90 * vec.load(pixels.scratch_color, 3 * ROW_STRIDE + pixel)
+        vec.store(surfaces.f90, first + pixel, f90)
     if material.specular_color_texture >= 0:
         sample(context, material.specular_color_texture, count, pixels.scratch_color, False)
-    for x in range(0, count, vec.LANES):
-        tint, f90 = broadcast3(material.specular_color, 0), vec.load(surfaces.f90, first + x)
+    for pixel in range(0, count, vec.LANES):
+        tint, f90 = broadcast3(material.specular_color, 0), vec.load(surfaces.f90, first + pixel)
         if material.specular_color_texture >= 0:
-            tint = multiply3(tint, load3(pixels.scratch_color, x, ROW_STRIDE))
+            tint = multiply3(tint, load3(pixels.scratch_color, pixel, ROW_STRIDE))
         f0 = (
             vec.minimum(reflectance * tint[0], one) * f90,
             vec.minimum(reflectance * tint[1], one) * f90,
             vec.minimum(reflectance * tint[2], one) * f90,
         )
-        store3(surfaces.f0, first + x, ROW_STRIDE, f0)
+        store3(surfaces.f0, first + pixel, ROW_STRIDE, f0)

@@ -17,7 +17,7 @@ from renderers.compiler.pointers import address, advance, allocate, f32_at, i32_
 from renderers.compiler.structs import Struct
 from renderers.msaa import SampleBand
 from renderers.shading.interpolation import interpolate, pixel_columns
-from renderers.shading.layout import MAX_PART_PIXELS, ROW_STRIDE, ShadedPixels, ShadingContext, SpanSums
+from renderers.shading.layout import MAX_PART_PIXELS, ROW_STRIDE, PartPixels, PartSpans, ShadingContext
 from renderers.shading.span_setup import set_up_part
 from renderers.shading.spans import allocate_row_memory, bind_next_segment, find_part_end, find_spans, free_row_memory
 from renderers.shading.studio.layout import (
@@ -246,7 +246,7 @@ def shade_rows(
     if mode == EDGES:
         max_pixels = max(width, band.max_entries)
     context, row, surfaces = ShadingContext(), _StudioRow(), StudioSurfaces()
-    allocate_row_memory(context, job.shading, max_pixels, SpanSums(), ShadedPixels())
+    allocate_row_memory(context, job.shading, max_pixels, PartSpans(), PartPixels())
     row.mode, row.channel_size, row.gathered = mode, channel_size, 0
     _clear(f32_at(address(surfaces)), _SURFACES_VALUES)  # loops overrun the gathered surfaces
     own_row, packed_row = f32_at(allocate(4 * 4 * channel_size)), i32_at(allocate(4 * channel_size))

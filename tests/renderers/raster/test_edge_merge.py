@@ -25,7 +25,7 @@ def test_triangles_that_share_an_edge_of_a_mesh_with_normals() -> None:
     padded = [np.concatenate((np.zeros(8, np.uint32), each.ravel(), np.zeros(8, np.uint32))) for each in indices]
     first_ids = np.cumsum([0, *map(len, indices)]).astype(np.int64)
     instances, frame = np.zeros(5, RasterInstance.dtype), np.zeros(1, RasterFrame.dtype)
-    instances["topology"][:4] = 3, 3, 3, 2
+    instances["vertices_per_primitive"][:4] = 3, 3, 3, 2
     instances["mesh_normals"][:4] = 1, 1, 0, 1
     instances["mesh_indices"][:4] = [each.ctypes.data + 32 for each in padded]
     frame["instance_count"], frame["instances"], frame["first_ids"] = 4, instances.ctypes.data, first_ids.ctypes.data

@@ -70,7 +70,7 @@ class BruteForce:
         cull_back: NDArray[np.bool_] | None = None,
         behind: Visibility | None = None,
         in_front_of: Visibility | None = None,
-        ids_below: NDArray[np.int32] | None = None,
+        id_limits: NDArray[np.int32] | None = None,
         latest: bool = False,
     ) -> Visibility:
         direction = rays(camera)
@@ -103,8 +103,8 @@ class BruteForce:
                 if in_front_of is not None:
                     b, at = in_front_of.ids.reshape(-1), in_front_of.inv_z.reshape(-1)
                     is_candidate &= (b < 0) | (inv >= at)
-                if ids_below is not None:
-                    is_candidate &= primitive_id < ids_below.reshape(-1)
+                if id_limits is not None:
+                    is_candidate &= primitive_id < id_limits.reshape(-1)
                 nearer = is_candidate & ((ids < 0) | (inv >= best) | latest)
                 best[nearer], ids[nearer] = inv[nearer], primitive_id
         shape = (camera.height, camera.width)
