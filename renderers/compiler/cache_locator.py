@@ -64,11 +64,7 @@ def _own_locator() -> Iterator[None]:
 
 
 def cached_njit(**options: Any) -> Callable[[Callable[..., Any]], Any]:
-    """Return ``numba.njit(cache=True)`` with our cache folder, for ``jit.kernel``.
-
-    Args:
-        options: options of ``njit``.
-    """
+    """Return ``numba.njit(cache=True)`` with our cache folder, for ``jit.kernel``; ``options``: options of ``njit``."""
 
     def decorate(function: Callable[..., Any]) -> Any:
         with _own_locator():

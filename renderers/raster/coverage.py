@@ -219,7 +219,6 @@ def draw_band(frame_address: Address, first_row: I64, end_row: I64, band_memory:
     """Rasterize a band.
 
     Args:
-        frame_address: address of a RasterFrame.
         faces: COLOR_FACES or KEPT_BACK_FACES.
     """
     frame = RasterFrame(frame_address)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cache
-from typing import Any, Final
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -111,11 +111,11 @@ class FrameJob:
             normal_out=normal,
             band_memory_bytes=band_bytes,
             stop=current_stop().address,
-            transform_kernel=_kernel_address(transform),
-            setup_kernel=_kernel_address(setup),
-            draw_kernel=_kernel_address(draw_band) if samples == 1 else 0,
-            resolve_kernel=_kernel_address(resolve_band) if any(outputs) else 0,
-            normals_kernel=_kernel_address(resolve_normals) if normal else 0,
+            transform_kernel=kernel_address(transform),
+            setup_kernel=kernel_address(setup),
+            draw_kernel=kernel_address(draw_band) if samples == 1 else 0,
+            resolve_kernel=kernel_address(resolve_band) if any(outputs) else 0,
+            normals_kernel=kernel_address(resolve_normals) if normal else 0,
             yield_function=YIELD_ADDRESS,
             **prepared.instances.tables,
             **work_addresses,
@@ -178,7 +178,7 @@ class FrameJob:
         """
         frame = self._frame
         if shade_job:
-            frame["shade_kernel"], frame["shade_job"] = _kernel_address(shade_rows), shade_job
+            frame["shade_kernel"], frame["shade_job"] = kernel_address(shade_rows), shade_job
         return Task(frame, self._frame_address, self._useful_threads)
 
     def touched_bands(self) -> NDArray[np.int32]:
@@ -203,7 +203,7 @@ class FrameJob:
         """
         self._keep += [memory, shader]
         frame = self._frame
-        frame["draw_kernel"], frame["edges_kernel"] = _kernel_address(draw_samples), _kernel_address(find_edges)
+        frame["draw_kernel"], frame["edges_kernel"] = kernel_address(draw_samples), kernel_address(find_edges)
         frame["shade_kernel"], frame["shade_job"] = shader.kernel, shader.job
         frame["band_memory_base"], frame["band_memory_bytes"] = bands, SampleBand.nbytes
         return Task(frame, self._frame_address, self._useful_threads)
@@ -243,9 +243,6 @@ class Task:
     def help(self) -> None:
         """Take part until no unit of work is left to take."""
         run_phases(self.address, False)
-
-
-_kernel_address: Final = cache(kernel_address)
 
 
 @cache

@@ -68,11 +68,7 @@ def _set_up_line_or_point(frame: RasterFrame, draw: Draw, primitive_in_mesh: I64
 
 @inlined
 def _set_up_primitives(frame: RasterFrame, chunk: Chunk, begin: I64, end: I64) -> None:
-    """Set up primitives, and append what may be visible to a Chunk.
-
-    Args:
-        begin, end: range of drawn indices.
-    """
+    """Set up primitives, and append what may be visible to a Chunk; ``begin``, ``end``: range of drawn indices."""
     draw_index = _draw_index_of_primitive(frame, begin)
     draw_begin = begin
     while draw_begin < end:

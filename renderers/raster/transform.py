@@ -97,12 +97,7 @@ def _transform(
 
 @kernel
 def transform(frame_address: Address, begin: I64, end: I64) -> None:
-    """Compute pixel coordinates and 1/z of some vertices.
-
-    Args:
-        frame_address: address of a RasterFrame.
-        begin, end: range of indices among the vertices of all draws.
-    """
+    """Compute pixel coordinates and 1/z of the vertices ``begin .. end`` among those of all draws."""
     frame = RasterFrame(frame_address)
     draw_index = _draw_index_of_vertex(frame, begin)
     first = begin

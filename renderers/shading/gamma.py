@@ -35,19 +35,14 @@ def _gamma_from_linear() -> NDArray[np.float32]:
     return encoded
 
 
-def _linear_from_gamma() -> NDArray[np.float32]:
-    """Return (_STEPS + 2,) float32: ``(i / _STEPS)^2.2``. The last entry is for interpolation at 1."""
-    return (np.minimum(np.arange(_STEPS + 2) / _STEPS, 1.0) ** GAMMA).astype(np.float32)
-
-
 THRESHOLDS: Final = level_thresholds(lambda encoded: encoded**GAMMA)
 """(256,) float32: least linear value of each byte."""
 GAMMA_CELLS: Final = level_cells(THRESHOLDS)
 """Table for ``level_cells.encoded_pixels``."""
 GAMMA_FROM_LINEAR: Final = _gamma_from_linear()
 """Table for ``encode_gamma``."""
-LINEAR_FROM_GAMMA: Final = _linear_from_gamma()
-"""Table for ``decode_gamma``."""
+LINEAR_FROM_GAMMA: Final = (np.minimum(np.arange(_STEPS + 2) / _STEPS, 1.0) ** GAMMA).astype(np.float32)
+"""(_STEPS + 2,) float32, table for ``decode_gamma``: (i / _STEPS)^2.2. The last entry is for interpolation at 1."""
 
 
 @inlined

@@ -104,14 +104,13 @@ def prepare(instances: Sequence[Instance], look: LookName, parallel: Parallel | 
     """
     textures = TextureTable()
     materials = MaterialTable(look, textures)
-    triangles = int(Topology.TRIANGLES)
     buffer_fields: dict[tuple[int, int], tuple[int, ...]] = {}
     keep: list[Any] = []
     rows: list[tuple[int, ...]] = []
     for instance in instances:
         check_stop()
         mesh, vertices_per_primitive = instance.mesh, instance.mesh.elements.shape[1]
-        material = materials.index_of(instance.material, vertices_per_primitive == triangles)
+        material = materials.index_of(instance.material, vertices_per_primitive == Topology.TRIANGLES)
         # Set of texture coordinates from which missing tangents are generated.
         texture = instance.material.normal_texture
         tangent_set = texture.uv_set if texture is not None and materials.has_normal_map(material) else -1

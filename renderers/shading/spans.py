@@ -14,7 +14,6 @@ from __future__ import annotations
 from typing import Final, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from renderers.compiler import simd as vec
 from renderers.compiler.device_function import device_function, inlined
@@ -64,12 +63,8 @@ class PartEnd(NamedTuple):
     end_span: I64
 
 
-def _span_index_of_start_bits() -> NDArray[np.int32]:
-    start_bits = (np.arange(128)[:, None] >> np.arange(7)) & 1
-    return np.ascontiguousarray(np.pad(np.cumsum(start_bits, axis=1), ((0, 0), (1, 0))), np.int32)
-
-
-SPAN_INDEX_OF_START_BITS: Final = _span_index_of_start_bits()
+_START_BITS: Final = (np.arange(128)[:, None] >> np.arange(7)) & 1
+SPAN_INDEX_OF_START_BITS: Final = np.pad(np.cumsum(_START_BITS, axis=1, dtype=np.int32), ((0, 0), (1, 0)))
 """(128, 8): the span of each of eight pixels, counted from that of the first, for ``interpolate``. A row's index has a
 start bit for each of the other seven pixels: bit 0 is the second pixel's. In row 0b101, spans begin at the second and
 the fourth pixel: 0 1 1 2 2 2 2 2."""

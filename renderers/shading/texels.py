@@ -65,11 +65,7 @@ def texture_fields(texture: ShadingTexture, linear_from_byte: Pointer[F32]) -> T
 
 @inlined
 def level_size(size: I64, level: I32x8) -> I32x8:
-    """Return width or height of mip levels in texels.
-
-    Args:
-        size: that of the first level.
-    """
+    """Return width or height of mip levels in texels; ``size``: that of the first level."""
     return vec.maximum(vec.i32(size) >> level, vec.i32(1))
 
 

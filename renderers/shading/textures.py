@@ -97,11 +97,7 @@ def empty_rows(height: int, width: int) -> NDArray[np.uint8]:
 
 
 def set_level(rows: NDArray[np.uint8], size: tuple[int, int], k: int, level: NDArray[np.uint8]) -> None:
-    """Store mip level ``k``, (H, W, 4) uint8, in the array of a texture.
-
-    Args:
-        size: height and width of level 0.
-    """
+    """Store mip level ``k``, (H, W, 4) uint8, in the array of a texture; ``size``: height and width of level 0."""
     first_row, first_column = level_row(size[0], k), size[1] + 1 if k > 0 else 0
     part = rows[first_row : first_row + len(level), first_column : first_column + level.shape[1] + 1]
     part[:, :-1], part[:, -1] = level, level[:, 0]

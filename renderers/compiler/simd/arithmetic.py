@@ -32,17 +32,13 @@ def _same_vector(a: Any, b: Any) -> Any:
     return a if isinstance(a, Vector) and a is b else None
 
 
-def _emit_minimum(builder: Any, sig: Any, a: Any, b: Any) -> Any:
-    return builder.select(compare(builder, sig.return_type, "<", a, b), a, b)
-
-
-def _emit_maximum(builder: Any, sig: Any, a: Any, b: Any) -> Any:
-    return builder.select(compare(builder, sig.return_type, ">", a, b), a, b)
-
-
-minimum: Callable[[Lanes, Lanes], Lanes] = define(_same_vector, _emit_minimum)
+minimum: Callable[[Lanes, Lanes], Lanes] = define(
+    _same_vector, lambda builder, sig, a, b: builder.select(compare(builder, sig.return_type, "<", a, b), a, b)
+)
 """``minimum(a, b)``: the smaller value; ``b`` where one is NaN."""
-maximum: Callable[[Lanes, Lanes], Lanes] = define(_same_vector, _emit_maximum)
+maximum: Callable[[Lanes, Lanes], Lanes] = define(
+    _same_vector, lambda builder, sig, a, b: builder.select(compare(builder, sig.return_type, ">", a, b), a, b)
+)
 """``maximum(a, b)``: the larger value; ``b`` where one is NaN."""
 less_unsigned: Callable[[I32x8, I32x8], Mask8] = define(
     lambda a, b: m8 if a is i32x8 and b is i32x8 else None, lambda builder, sig, a, b: builder.icmp_unsigned("<", a, b)

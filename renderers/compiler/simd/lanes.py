@@ -21,14 +21,9 @@ from renderers.compiler.simd.vectors import (
     m8,
 )
 
-
-def _emit_lane(builder: Any, sig: Any, value: Any, lane: Any) -> Any:
-    return builder.extract_element(value, lane)
-
-
 lane = define(
     lambda value, lane: value.element if value in (f32x8, f64x8, i32x8) and isinstance(lane, types.Integer) else None,
-    _emit_lane,
+    lambda builder, sig, value, lane: builder.extract_element(value, lane),
 )
 """``lane(v, k)``: lane k, a number."""
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from functools import cache
 from typing import Final
 
 import numpy as np
@@ -57,22 +56,11 @@ def allocate_sample_bands(threads: int, camera: Camera, samples: int, stride: in
     return address, (memory, bands)
 
 
-@cache
-def _shading_kernels() -> tuple[int, int]:
-    """Return the addresses of shade_mixed and shade_rows."""
-    return kernel_address(shade_mixed), kernel_address(shade_rows)
-
-
 def mixed_bands(job: HeadlightJob) -> SampledShader:
-    """Return a shader of an opaque scene that mixes colours as bytes, as VTK does.
-
-    Args:
-        job: of the whole image.
-    """
-    mix_kernel, shade_kernel = _shading_kernels()
+    """Return a shader of an opaque scene that mixes colours as bytes, as VTK does; ``job``: of the whole image."""
     array, memory, address = table(2)
-    memory[0], memory[1] = shade_kernel, job.address
-    return SampledShader(mix_kernel, address, (array, job))
+    memory[0], memory[1] = kernel_address(shade_rows), job.address
+    return SampledShader(kernel_address(shade_mixed), address, (array, job))
 
 
 def paint_each_sample(

@@ -38,12 +38,6 @@ def _packed_in_box(row: I64, column: I64) -> I64:
 
 
 @inlined
-def _rows_and_columns(edge_pixels: I32x8) -> I32x8x2:
-    """Return the rows and columns in the box of eight ``edge_pixels``; all i32x8."""
-    return edge_pixels >> vec.i32(8), (edge_pixels & vec.i32(255)) - vec.i32(vec.LANES)
-
-
-@inlined
 def _limit_rows(edge: I64, edge_dx: I64, edge_dy: I64, columns: I32x8, min_row: F32x8, max_row: F32x8) -> F32x8x2:
     """Return the rows in which block columns, eight pixels wide, may be on the inner side of an edge: first and last.
 
@@ -238,7 +232,8 @@ def _load_edge_pixels(
         batch: index of the first edge pixel.
     """
     box_left, box_top, _, _ = box_of(triangle)
-    rows, columns = _rows_and_columns(vec.load(scratch.edge_pixels, batch))
+    in_box = vec.load(scratch.edge_pixels, batch)  # as ``_packed_in_box``
+    rows, columns = in_box >> vec.i32(8), (in_box & vec.i32(255)) - vec.i32(vec.LANES)
     e0 = vec.i32(edges.first[0]) + rows * vec.i32(edges.dy[0]) + columns * vec.i32(edges.dx[0])
     e1 = vec.i32(edges.first[1]) + rows * vec.i32(edges.dy[1]) + columns * vec.i32(edges.dx[1])
     vec.store(scratch.batch_e0, 0, e0)
@@ -283,11 +278,7 @@ def draw_small_samples(
     end_row: I64,
     scratch: SampleScratch,
 ) -> None:
-    """Draw a SmallTriangle, eight pixels at a time.
-
-    Args:
-        owner: index in RasterFrame.primitives.
-    """
+    """Draw a SmallTriangle, eight pixels at a time; ``owner``: index in RasterFrame.primitives."""
     box_left, box_top, box_columns, box_rows = box_of(triangle)
     top, bottom = max(box_top, first_row), min(box_top + box_rows, end_row)
     left, right = max(box_left, 0), min(box_left + box_columns, frame.width)

@@ -135,12 +135,6 @@ def _open_slot(frame: RasterFrame, band: SampleBand, slot_count: I64, pixel: I64
 
 
 @inlined
-def _depth_test(inv_z: F32x8, old_inv_z: F32x8, ids: I32x8, old_ids: I32x8) -> Mask8:
-    """Return the samples at which a primitive is seen instead of the old one. Empty samples have the id -1."""
-    return (inv_z > old_inv_z) | ((inv_z == old_inv_z) & (ids > old_ids))
-
-
-@inlined
 def merge_samples(
     frame: RasterFrame, band: SampleBand, slot_count: I64, pixel: I64, inv_z: F32x8, covered: Mask8, ids: I32x8
 ) -> I64:
@@ -161,7 +155,7 @@ def merge_samples(
     is_empty = vec.i32(owner) == vec.i32(-1)
     old_inv_z = vec.select(is_empty, vec.f32(band.far[pixel]), vec.load_volatile(band.sample_inv_z, first))
     old_ids = vec.select(is_empty, vec.i32(-1), vec.load_volatile(band.sample_ids, first))
-    passed = covered & _depth_test(inv_z, old_inv_z, ids, old_ids)
+    passed = covered & ((inv_z > old_inv_z) | ((inv_z == old_inv_z) & (ids > old_ids)))
     inv_z = vec.select(passed, inv_z, old_inv_z)
     vec.store(band.sample_inv_z, first, inv_z)
     vec.store(band.sample_ids, first, vec.select(passed, ids, old_ids))

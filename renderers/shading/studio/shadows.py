@@ -177,10 +177,6 @@ def _map_camera(
     return Camera(side, side, focal_length, focal_length, center, center, near, math.inf, X_world_light)
 
 
-def _is_same_view(a: Camera, b: Camera) -> bool:
-    return (a.width, a.fx, a.near) == (b.width, b.fx, b.near) and np.array_equal(a.X_world_camera, b.X_world_camera)
-
-
 def shadow_map_of(
     rasterizer: Rasterizer, scene: DrawList, camera: Camera, transparent: NDArray[np.bool_], solid_pixels: SolidPixels
 ) -> ShadowMap:
@@ -189,9 +185,10 @@ def shadow_map_of(
     Args:
         transparent: (n,), mask of the instances that may be cut out.
     """
-    for shadow_map in _maps.get(scene) or ():
-        if _is_same_view(shadow_map.camera, camera):
-            return shadow_map
+    for known in _maps.get(scene) or ():
+        is_same = (known.camera.width, known.camera.fx, known.camera.near) == (camera.width, camera.fx, camera.near)
+        if is_same and np.array_equal(known.camera.X_world_camera, camera.X_world_camera):
+            return known
     is_caster = casters(scene.instances)
     solid, cut_out = is_caster & ~transparent, is_caster & transparent
     layer = rasterizer.visibility(scene, camera, select=solid)
