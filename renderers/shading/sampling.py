@@ -9,15 +9,13 @@ Materials call ``sample``. It calls the kernel ``sample_texture``, at the end of
 
 Parameters that mean the same in all steps:
 
-- ``uv``: the two rows of PartPixels with the set of texture coordinates that the texture reads.
-- ``uv_gradient``: the four rows with the gradient of this set. They are filled if the material ``reads_gradients``.
-- ``uv_transform``: from ``_load_uv_transform``. ``fields``: the texture's TextureFields.
+- ``coordinates``, ``fields``: the texture's TextureCoordinates and TextureFields.
 - ``rows``: the four rows that are filled with RGBA; A only if ``with_alpha``.
 """
 
 from __future__ import annotations
 
-from typing import Final
+from typing import Final, NamedTuple
 
 from renderers.compiler import simd as vec
 from renderers.compiler.device_function import device_function, inlined
@@ -38,27 +36,42 @@ _MIN_PREFETCHED_TEXELS: Final = 1 << 17
 Shading with a texture of 2048 x 2048 takes 20 to 30 % less time, with mip levels 12 to 15 %."""
 
 
+class TextureCoordinates(NamedTuple):
+    """The set of texture coordinates in PartPixels that a texture reads, and its ``uv_transform``."""
+
+    uv: Pointer[F32]
+    """Two rows."""
+    uv_gradient: Pointer[F32]
+    """Four rows, which are filled if the material ``reads_gradients``."""
+    transform: F32x8x6
+
+
 @inlined
-def _load_uv_transform(texture: ShadingTexture) -> F32x8x6:
-    """Return the six values of a texture's uv_transform."""
+def _coordinates_of(texture: ShadingTexture, pixels: PartPixels) -> TextureCoordinates:
+    """Return the TextureCoordinates of a texture."""
     m = texture.uv_transform
-    return vec.f32(m[0]), vec.f32(m[1]), vec.f32(m[2]), vec.f32(m[3]), vec.f32(m[4]), vec.f32(m[5])
+    return TextureCoordinates(
+        uv=advance(pixels.uv, 2 * ROW_STRIDE * texture.uv_set),
+        uv_gradient=advance(pixels.uv_gradient, 4 * ROW_STRIDE * texture.uv_set),
+        transform=(vec.f32(m[0]), vec.f32(m[1]), vec.f32(m[2]), vec.f32(m[3]), vec.f32(m[4]), vec.f32(m[5])),
+    )
 
 
 @inlined
-def _transformed_uv(uv_transform: F32x8x6, uv: Pointer[F32], pixel: I64) -> F32x8x2:
+def _transformed_uv(coordinates: TextureCoordinates, pixel: I64) -> F32x8x2:
     """Return (u, v) of eight pixels, transformed."""
-    a, b, c, d, e, f = uv_transform
-    u, v = vec.load(uv, pixel), vec.load(uv, ROW_STRIDE + pixel)
+    a, b, c, d, e, f = coordinates.transform
+    u, v = vec.load(coordinates.uv, pixel), vec.load(coordinates.uv, ROW_STRIDE + pixel)
     return a * u + b * v + c, d * u + e * v + f
 
 
 @inlined
-def _transformed_gradient(uv_transform: F32x8x6, uv_gradient: Pointer[F32], pixel: I64) -> F32x8x4:
+def _transformed_gradient(coordinates: TextureCoordinates, pixel: I64) -> F32x8x4:
     """Return the sides of eight pixels' footprints as texture coordinates: du/dx, dv/dx, du/dy, dv/dy."""
-    a, b, _, d, e, _ = uv_transform
-    du_dx, dv_dx = vec.load(uv_gradient, pixel), vec.load(uv_gradient, pixel + ROW_STRIDE)
-    du_dy, dv_dy = vec.load(uv_gradient, pixel + 2 * ROW_STRIDE), vec.load(uv_gradient, pixel + 3 * ROW_STRIDE)
+    a, b, _, d, e, _ = coordinates.transform
+    rows = coordinates.uv_gradient
+    du_dx, dv_dx = vec.load(rows, pixel), vec.load(rows, pixel + ROW_STRIDE)
+    du_dy, dv_dy = vec.load(rows, pixel + 2 * ROW_STRIDE), vec.load(rows, pixel + 3 * ROW_STRIDE)
     return a * du_dx + b * dv_dx, d * du_dx + e * dv_dx, a * du_dy + b * dv_dy, d * du_dy + e * dv_dy
 
 
@@ -74,9 +87,7 @@ def _store_rgba(rows: Pointer[F32], pixel: I64, rgba: F32x8x4, with_alpha: bool)
 def _sample_areas(
     texture: ShadingTexture,
     fields: TextureFields,
-    uv_transform: F32x8x6,
-    uv: Pointer[F32],
-    uv_gradient: Pointer[F32],
+    coordinates: TextureCoordinates,
     pixels: PartPixels,
     count: I64,
     rows: Pointer[F32],
@@ -84,8 +95,8 @@ def _sample_areas(
 ) -> None:
     """Fill ``rows`` with the texture's means over the pixels' areas."""
     for pixel in range(0, count, vec.LANES):
-        u, v = _transformed_uv(uv_transform, uv, pixel)
-        gradient = _transformed_gradient(uv_transform, uv_gradient, pixel)
+        u, v = _transformed_uv(coordinates, pixel)
+        gradient = _transformed_gradient(coordinates, pixel)
         if is_within_texel(texture, gradient):
             offsets, weights = located_rows(pixels, 0)
             level_0 = vec.i32(0)
@@ -100,29 +111,22 @@ def _sample_areas(
 
 @inlined
 def _select_levels(
-    texture: ShadingTexture,
-    fields: TextureFields,
-    uv_transform: F32x8x6,
-    uv: Pointer[F32],
-    uv_gradient: Pointer[F32],
-    pixels: PartPixels,
-    count: I64,
+    texture: ShadingTexture, fields: TextureFields, coordinates: TextureCoordinates, pixels: PartPixels, count: I64
 ) -> bool:
     """Fill ``level``, ``next_level_weight`` and ``sample_uv``; return True if any pixel is between two levels.
 
     If the texture has no mip levels and one filter for magnification and minification, all pixels get level 0, not
-    MAGNIFIED, and ``uv_gradient`` is not read: ``materials`` sets ``reads_gradients`` by Sampler.depends_on_scale.
+    MAGNIFIED, and the gradient is not read: ``materials`` sets ``reads_gradients`` by Sampler.depends_on_scale.
     """
     depends_on_scale = texture.mip_mode != MIPS_NONE or texture.mag_linear != texture.min_linear
     width, height, zero = vec.f32(fields.width), vec.f32(fields.height), vec.f32(0.0)
     any_is_between = False
     for pixel in range(0, count, vec.LANES):
-        u, v = _transformed_uv(uv_transform, uv, pixel)
+        u, v = _transformed_uv(coordinates, pixel)
         level, next_level_weight = vec.i32(0), zero
         if depends_on_scale:
-            squared_across, squared_down = squared_sides(
-                _transformed_gradient(uv_transform, uv_gradient, pixel), width, height
-            )
+            gradient = _transformed_gradient(coordinates, pixel)
+            squared_across, squared_down = squared_sides(gradient, width, height)
             squared_side = vec.maximum(squared_across, squared_down)
             minified = is_minified(texture, squared_side)
             level = vec.i32(MAGNIFIED)
@@ -231,20 +235,17 @@ def sample_texture(context_address: Address, index: I64, count: I64, rows_addres
     """Do what ``sample`` says: a kernel of its own, compiled once for all looks.
 
     Args:
-        context_address: address of a ShadingContext.
         rows_address, fills_alpha: ``rows`` and ``with_alpha`` (0 or 1).
     """
     context, rows, with_alpha = ShadingContext(context_address), f32_at(rows_address), fills_alpha != 0
     inputs, pixels = context.inputs, context.pixels
     texture = inputs.textures[index]
     fields = texture_fields(texture, inputs.linear_from_byte)
-    uv = advance(pixels.uv, 2 * ROW_STRIDE * texture.uv_set)
-    uv_gradient = advance(pixels.uv_gradient, 4 * ROW_STRIDE * texture.uv_set)
-    uv_transform = _load_uv_transform(texture)
+    coordinates = _coordinates_of(texture, pixels)
     if inputs.area_filter != 0 and context.material.reads_gradients != 0:
-        _sample_areas(texture, fields, uv_transform, uv, uv_gradient, pixels, count, rows, with_alpha)
+        _sample_areas(texture, fields, coordinates, pixels, count, rows, with_alpha)
     else:
-        any_between_levels = _select_levels(texture, fields, uv_transform, uv, uv_gradient, pixels, count)
+        any_between_levels = _select_levels(texture, fields, coordinates, pixels, count)
         level_count = 2 if any_between_levels else 1
         _locate_in_levels(texture, fields, pixels, count, level_count)
         _read_levels(fields, pixels, count, level_count, rows, with_alpha)
