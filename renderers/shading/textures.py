@@ -84,6 +84,7 @@ def level_row(height: int, level: int) -> int:
     """Return the first row of a mip level in ``Texels.rows``, given the height of level 0.
 
     Level k has max(height // 2^k, 1) rows, so that levels 1 to k - 1 have at most height - 2 height / 2^k + k - 1.
+    The result is a few rows more, as level 1 begins in row 1.
     """
     return max(height - (2 * height >> level) + level, 0)
 
