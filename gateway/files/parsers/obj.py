@@ -48,7 +48,7 @@ class _Faces:
 
 @dataclass(slots=True, eq=False)
 class _ObjFile:
-    """Statements of a file."""
+    """Statements of an OBJ file."""
 
     vertices: list[bytes] = field(default_factory=list)
     """Three coordinates of each vertex."""
@@ -206,6 +206,8 @@ def _shape_of(
     starts = np.cumsum(sizes) - sizes
     is_whole = np.logical_and.reduceat(parsed[indices, 0] > 0, starts)
     file.broken += np.array(faces.lines)[~is_whole].tolist()
+    if not is_whole.any():
+        return None
     used = parsed - 1
     positions = vertices[used[:, 0]]
     triangles = triangles_of_polygons(indices, starts[is_whole], sizes[is_whole], positions)

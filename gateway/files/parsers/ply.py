@@ -113,10 +113,9 @@ def read_ply(data: bytes, textures: TextureFiles, options: MeshOptions, content:
     face_colors = _colors_of(faces) if drawn.name == "face" and image is None else None
     if colors is not None and face_colors is not None and not (colors == colors[0]).all():
         face_colors = None
-    is_colored = colors is not None or face_colors is not None
-    if image is not None or not is_colored:
+    if image is not None:
         colors = None
-    elif is_colored:
+    elif colors is not None or face_colors is not None:
         uv, is_split = None, False
     if drawn.name == "tristrips":
         rows, is_split = triangles_of_strip(np.insert(indices, np.cumsum(sizes), -1)), False

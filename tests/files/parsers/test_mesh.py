@@ -133,6 +133,11 @@ def test_broken_faces_of_obj_files_are_left_out(faces: str, read_count: int, war
     assert read.warnings == [warning]
 
 
+@pytest.mark.parametrize("data", ["f 1 2 3\n", CORNER_LINES + "f 1 2\n", CORNER_LINES + "usemtl a\nf 1 2 4\n"])
+def test_obj_files_without_a_whole_face_are_refused(data: str) -> None:
+    assert "1 of 1 faces are left out, such as 'f 1 2" in fault(data, "obj")
+
+
 def test_broken_faces_of_ply_files_are_left_out() -> None:
     data = ascii_ply(3, "0 0 0\n1 0 0\n0 1 0\n3 0 1 2\n3 0 1 9\n", faces=2)
     read = content(data.replace("ascii 1.0", "ascii 1.0 "), "ply")
