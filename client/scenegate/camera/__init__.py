@@ -20,8 +20,8 @@ from scenegate.camera.files import points as points
 from scenegate.camera.files import preview as preview
 from scenegate.camera.files import save as save
 from scenegate.camera.stream import StreamOptions as StreamOptions
+from scenegate.camera.stream import fetch_truth as fetch_truth
 from scenegate.camera.stream import receive as receive
 from scenegate.camera.stream import receive_all as receive_all
-from scenegate.camera.truth import fetch_truth as fetch_truth
 from scenegate.credentials import Credentials as Credentials
 from scenegate.gateway_http import GatewayError as GatewayError

@@ -15,14 +15,15 @@ import grpc
 
 from scenegate.camera import files
 from scenegate.camera import image_interface_pb2 as pb
-from scenegate.camera.truth import fetch_truth
 from scenegate.credentials import Credentials
-from scenegate.gateway_http import parse_address
+from scenegate.gateway_http import fetch, parse_address
 
 METHOD = "/ImageInterface/StreamImageSets"
 """The gRPC method of the stream."""
 CONNECT_SECONDS = 10.0
 """Timeout for the connection to the camera."""
+TRUTH_SECONDS = 60.0
+"""Timeout of a request for ground truth. The gateway queues the frame and renders it again."""
 
 _CHANNEL_OPTIONS = [
     ("grpc.max_receive_message_length", -1),  # complete meshes have 55 MB, and gRPC's default limit is 4 MB
@@ -233,3 +234,23 @@ def receive_all(options: StreamOptions, report: Callable[[Progress], None] = lam
             files.write_image(options.preview, files.preview(image_set))
         report(progress)
     return progress
+
+
+_ANONYMOUS = Credentials()
+
+
+def fetch_truth(address: str, timestamp: str, credentials: Credentials = _ANONYMOUS, pipeline: int = 0) -> bytes:
+    """Return the content of ``/stereo/truth.npz`` for an image set: exact depth and labels.
+
+    Args:
+        address: address of the gateway's HTTP port, ``http://HOST:PORT``.
+        timestamp: timestamp of the set, ``sec.nsec``.
+        credentials: token and TLS certificates.
+        pipeline: number of the camera.
+
+    Raises:
+        GatewayError: the gateway does not respond, or does not have this set.
+        OSError: a certificate cannot be read.
+    """
+    wanted, path = f"ground truth of {timestamp}", "stereo/truth.npz"
+    return fetch(address, path, credentials, wanted, TRUTH_SECONDS, timestamp=timestamp, pipeline=pipeline)

@@ -75,6 +75,12 @@ class MeshFaultError(ValueError):
     """Raised by parsers: a file cannot be used."""
 
 
+def check_limits(vertices: int, triangles: int, options: MeshOptions) -> None:
+    """Raise MeshFaultError for too many vertices or triangles."""
+    if vertices > options.max_vertices or triangles > options.max_elements:
+        raise MeshFaultError(f"it has more than {options.max_vertices} vertices or {options.max_elements} triangles")
+
+
 def checked_triangles(faces: NDArray[np.int64], vertex_count: int, warnings: list[str]) -> NDArray[np.int64]:
     """Return the rows whose first three values are below ``vertex_count``; a sentence tells of others."""
     corners = faces[:, :3]

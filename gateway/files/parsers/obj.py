@@ -13,7 +13,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from gateway.files.parsers.mesh_data import MeshData, MeshFaultError, MeshOptions, Shape, shape_of
+from gateway.files.parsers.mesh_data import MeshData, MeshFaultError, MeshOptions, Shape, check_limits, shape_of
 from gateway.files.parsers.ply import srgb_bytes
 from gateway.files.parsers.polygons import triangles_of_polygons
 from gateway.files.parsers.texture_files import ReadFile, TextureFiles
@@ -85,7 +85,11 @@ def read_obj(data: bytes, read_file: ReadFile, textures: TextureFiles, options: 
             names = ", ".join(sorted(repr(name[:60]) for name in undefined)[:_MAX_NAMED])
             start = f"materials of usemtl that no MTL file defines ({len(undefined)})"
             content.warnings.append(f"{start}: {names}; they are white")
-        _check_limits(file, options)
+        if len(file.faces) > options.max_instances:
+            raise MeshFaultError(f"it has {len(file.faces)} parts, the limit is {options.max_instances}")
+        vertex_count = sum(len(faces.corners) for faces in file.faces.values())
+        triangle_count = sum(len(faces.indices) - 2 * len(faces.sizes) for faces in file.faces.values())
+        check_limits(vertex_count, triangle_count, options)
         uv, normals = _numbers(file.uv, 2), _numbers(file.normals, 3)
         shapes = []
         for name, faces in file.faces.items():
@@ -175,15 +179,6 @@ def _colors_of(file: _ObjFile, count: int) -> NDArray[np.uint8] | None:
     colors = np.full((count, 4), 255, np.uint8)
     colors[list(file.colors), :3] = srgb_bytes(_numbers([each for rgb in file.colors.values() for each in rgb], 3))
     return colors
-
-
-def _check_limits(file: _ObjFile, options: MeshOptions) -> None:
-    if len(file.faces) > options.max_instances:
-        raise MeshFaultError(f"it has {len(file.faces)} parts, the limit is {options.max_instances}")
-    vertices = sum(len(faces.corners) for faces in file.faces.values())
-    triangles = sum(len(faces.indices) - 2 * len(faces.sizes) for faces in file.faces.values())
-    if vertices > options.max_vertices or triangles > options.max_elements:
-        raise MeshFaultError(f"it has more than {options.max_vertices} vertices or {options.max_elements} triangles")
 
 
 def _shape_of(

@@ -8,7 +8,7 @@ from typing import Any, Final, Literal, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from gateway.files.parsers.mesh_data import MeshData, MeshFaultError, MeshOptions, Shape, checked_triangles, shape_of
+from gateway.files.parsers.mesh_data import MeshData, MeshOptions, Shape, check_limits, checked_triangles, shape_of
 from gateway.files.parsers.polygons import triangles_of_polygons, triangles_of_strip
 from gateway.files.parsers.texture_files import TextureFiles
 
@@ -99,14 +99,14 @@ def read_ply(data: bytes, textures: TextureFiles, options: MeshOptions, content:
         raise ValueError("its element 'vertex' has not x, y and z")
     colors = _colors_of(vertex)
     if drawn is None:
-        _check_limits(len(positions), 0, options)
+        check_limits(len(positions), 0, options)
         return shape_of(positions, None, content.warnings, colors=colors)
     normals = _stacked(vertex, ("nx", "ny", "nz"))
     uv = next((found for names in _UV_NAMES if (found := _stacked(vertex, names)) is not None), None)
     faces = columns[drawn.name]
     lists = faces[index_list]
     indices, sizes = lists.values.astype(np.int64), lists.sizes
-    _check_limits(len(positions), int(np.maximum(sizes - 2, 0).sum()), options)
+    check_limits(len(positions), int(np.maximum(sizes - 2, 0).sum()), options)
     corner_uv = faces.get("texcoord")
     is_split = corner_uv is not None and np.array_equal(corner_uv.sizes, 2 * sizes)
     image = textures.index(texture_names[-1]) if texture_names and (is_split or uv is not None) else None
@@ -203,11 +203,6 @@ def _add_hints(elements: list[_Element], drawn: _Element | None, textures: list[
         )
     if len(textures) > 1:
         warnings.append(f"it has {len(textures)} textures, the last is drawn on all faces")
-
-
-def _check_limits(vertices: int, triangles: int, options: MeshOptions) -> None:
-    if vertices > options.max_vertices or triangles > options.max_elements:
-        raise MeshFaultError(f"it has more than {options.max_vertices} vertices or {options.max_elements} triangles")
 
 
 def _read_columns(body: bytes, elements: list[_Element], is_text: bool) -> dict[str, _Columns]:
