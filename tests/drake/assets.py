@@ -4,6 +4,7 @@ import base64
 import json
 import struct
 import zlib
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -75,7 +76,15 @@ class Gltf:
         return {"index": self._add("textures", texture), **fields}
 
     def material(self, **fields: Any) -> int:
+        if "extensions" in fields:
+            self.use(*fields["extensions"])
         return self._add("materials", fields)
+
+    def matte(self, color: Sequence[float] | None = None, texture: dict[str, Any] | None = None, **fields: Any) -> int:
+        """Add a material that is no metal."""
+        pbr = {"metallicFactor": 0.0, "baseColorFactor": color, "baseColorTexture": texture}
+        given = {name: value for name, value in pbr.items() if value is not None}
+        return self.material(pbrMetallicRoughness=given, **fields)
 
     def mesh(self, attributes: dict[str, np.ndarray], indices: np.ndarray, material: int | None) -> int:
         """Add a mesh of float32 attributes and triangles."""

@@ -101,42 +101,41 @@ def properties(body: Body, label: int) -> PerceptionProperties:
     return result
 
 
-def scene_graph_of(scene: Scene, base_url: str) -> SceneGraph:
-    scene_graph = SceneGraph()
+HIDDEN = Body(Box(0.01, 0.01, 0.01), (0.0, -50.0, 0.0))
+"""A body out of sight: the client sends no camera where all is glTF."""
+
+
+def add_engines(scene_graph: SceneGraph, base_url: str) -> None:
     scene_graph.AddRenderer("vtk", MakeRenderEngineVtk(RenderEngineVtkParams()))
     scene_graph.AddRenderer("client", MakeRenderEngineGltfClient(RenderEngineGltfClientParams(base_url=base_url)))
+
+
+def register(scene_graph: SceneGraph, bodies: Iterable[Body]) -> None:
     source = scene_graph.RegisterSource("test")
-    hidden = Body(Box(0.01, 0.01, 0.01), (0.0, -50.0, 0.0))  # the client sends no camera where all is glTF
-    for index, body in enumerate([*scene.bodies, hidden]):
+    for index, body in enumerate(bodies):
         instance = GeometryInstance(body.pose, body.shape, f"body{index}")
         instance.set_perception_properties(properties(body, index + 1))
         scene_graph.RegisterAnchoredGeometry(source, instance)
+
+
+def scene_graph_of(scene: Scene, base_url: str) -> SceneGraph:
+    scene_graph = SceneGraph()
+    add_engines(scene_graph, base_url)
+    register(scene_graph, [*scene.bodies, HIDDEN])
     return scene_graph
 
 
-def images(query: Any, engine: str, scene: Scene) -> dict[str, np.ndarray]:
+def image(query: Any, engine: str, kind: str, scene: Scene) -> Any:
+    """Return the image of an engine; the recorder's answers cannot be read as depth and label images."""
     core = RenderCameraCore(
         engine, CameraInfo(*scene.size, np.pi / 4), ClippingRange(0.01, scene.far), RigidTransform()
     )
-    world = SceneGraph.world_frame_id()
-    color = query.RenderColorImage(ColorRenderCamera(core, False), world, scene.camera_pose)
-    result = {"color": color.data[..., :3]}
-    if engine == "vtk":
-        label = query.RenderLabelImage(ColorRenderCamera(core, False), world, scene.camera_pose)
-        depth = query.RenderDepthImage(DepthRenderCamera(core, DepthRange(0.05, scene.far)), world, scene.camera_pose)
-        result |= {"depth": depth.data[..., 0].copy(), "label": label.data[..., 0].copy()}
-    return result
-
-
-def request_others(query: Any, scene: Scene) -> None:
-    """Let the client post its depth and label requests. The recorder's answers cannot be read as such images."""
-    core = RenderCameraCore(
-        "client", CameraInfo(*scene.size, np.pi / 4), ClippingRange(0.01, scene.far), RigidTransform()
-    )
-    world = SceneGraph.world_frame_id()
-    query.RenderLabelImage(ColorRenderCamera(core, False), world, scene.camera_pose)
-    camera = DepthRenderCamera(core, DepthRange(0.05, scene.far))
-    query.RenderDepthImage(camera, world, scene.camera_pose)
+    view = SceneGraph.world_frame_id(), scene.camera_pose
+    if kind == "depth":
+        return query.RenderDepthImage(DepthRenderCamera(core, DepthRange(0.05, scene.far)), *view).data[..., 0]
+    render = query.RenderColorImage if kind == "color" else query.RenderLabelImage
+    pixels = render(ColorRenderCamera(core, False), *view).data
+    return pixels[..., :3] if kind == "color" else pixels[..., 0]
 
 
 def capture(name: str, folder: Path, base_url: str) -> None:
@@ -145,14 +144,14 @@ def capture(name: str, folder: Path, base_url: str) -> None:
         scene_graph = scene_graph_of(scene, base_url)  # a query does not keep it alive
         context = scene_graph.CreateDefaultContext()
         query, copy = (scene_graph.get_query_output_port().Eval(each) for each in (context, context.Clone()))
-        (folder / "color_copy.png").write_bytes(png(images(copy, "vtk", scene)["color"]))
-        vtk = images(query, "vtk", scene)
-        (folder / "color.png").write_bytes(png(vtk["color"]))
-        np.save(folder / "depth.npy", vtk["depth"])
-        np.save(folder / "label.npy", vtk["label"])
-        images(query, "client", scene)
+        (folder / "color_copy.png").write_bytes(png(image(copy, "vtk", "color", scene)))
+        (folder / "color.png").write_bytes(png(image(query, "vtk", "color", scene)))
+        for kind in ("label", "depth"):
+            np.save(folder / f"{kind}.npy", image(query, "vtk", kind, scene))
+        image(query, "client", "color", scene)
         try:
-            request_others(query, scene)
+            for kind in ("label", "depth"):
+                image(query, "client", kind, scene)
         except RuntimeError as error:
             if not (folder / "depth.gltf").exists():
                 raise SystemExit(f"{name}: {error}") from error

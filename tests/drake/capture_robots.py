@@ -14,28 +14,21 @@ from pathlib import Path
 
 import numpy as np
 from pydrake.geometry import (
-    Box,
     ClippingRange,
     ColorRenderCamera,
     DepthRange,
     DepthRenderCamera,
-    GeometryInstance,
-    MakeRenderEngineGltfClient,
-    MakeRenderEngineVtk,
-    PerceptionProperties,
     RenderCameraCore,
-    RenderEngineGltfClientParams,
-    RenderEngineVtkParams,
-    RenderLabel,
     SceneGraph,
 )
-from pydrake.math import RigidTransform, RotationMatrix
+from pydrake.math import RigidTransform
 from pydrake.multibody.parsing import Parser
 from pydrake.multibody.plant import AddMultibodyPlantSceneGraph
 from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.sensors import CameraInfo
 
-from tests.drake.capture import Recorder, record
+from tests.drake.capture import HIDDEN, Recorder, add_engines, record, register
+from tests.drake.scenes import looking_at
 
 Vector = tuple[float, float, float]
 
@@ -65,14 +58,6 @@ class BodyRecorder(Recorder):
         (self.folder / f"{kind}.ctype").write_text(self.headers["Content-Type"])
 
 
-def looking(eye: Vector, target: Vector) -> RigidTransform:
-    """Return the pose of a camera that looks at a point, upright."""
-    forward = np.subtract(target, eye) / np.linalg.norm(np.subtract(target, eye))
-    right = np.cross(forward, (0, 0, 1))
-    right /= np.linalg.norm(right)
-    return RigidTransform(RotationMatrix(np.column_stack((right, np.cross(forward, right), forward))), eye)
-
-
 def capture(models: Path, name: str, folder: Path, base_url: str) -> None:
     """Record the three requests and images of a robot, in the joint positions of its file."""
     file, eye, target = ROBOTS[name]
@@ -86,19 +71,14 @@ def capture(models: Path, name: str, folder: Path, base_url: str) -> None:
     if not plant.GetBodiesWeldedTo(plant.world_body())[1:]:
         plant.WeldFrames(plant.world_frame(), base.body_frame())
     plant.Finalize()
-    hidden = GeometryInstance(RigidTransform((0.0, -50.0, 0.0)), Box(0.01, 0.01, 0.01), "hidden")
-    properties = PerceptionProperties()  # the client sends no camera where all is glTF
-    properties.AddProperty("label", "id", RenderLabel(1))
-    hidden.set_perception_properties(properties)
-    scene_graph.RegisterAnchoredGeometry(scene_graph.RegisterSource("hidden"), hidden)
-    scene_graph.AddRenderer("vtk", MakeRenderEngineVtk(RenderEngineVtkParams()))
-    scene_graph.AddRenderer("client", MakeRenderEngineGltfClient(RenderEngineGltfClientParams(base_url=base_url)))
+    register(scene_graph, [HIDDEN])
+    add_engines(scene_graph, base_url)
     diagram = builder.Build()
     query = scene_graph.get_query_output_port().Eval(scene_graph.GetMyContextFromRoot(diagram.CreateDefaultContext()))
     images = {}
     for engine in ("vtk", "client"):
         core = RenderCameraCore(engine, CameraInfo(640, 480, np.pi / 4), ClippingRange(0.01, 10), RigidTransform())
-        view = (SceneGraph.world_frame_id(), looking(eye, target))
+        view = (SceneGraph.world_frame_id(), looking_at(eye, target))
         for kind, render, camera in (
             ("color", query.RenderColorImage, ColorRenderCamera(core, False)),
             ("label", query.RenderLabelImage, ColorRenderCamera(core, False)),

@@ -4,7 +4,7 @@ Imported by an interpreter that has pydrake.
 """
 
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
@@ -43,6 +43,14 @@ class Body:
         return RigidTransform(RollPitchYaw(*self.roll_pitch_yaw), self.position)
 
 
+def looking_at(eye: Sequence[float], target: Sequence[float]) -> RigidTransform:
+    """Return the pose of a camera that looks at a point, upright."""
+    forward = np.subtract(target, eye) / np.linalg.norm(np.subtract(target, eye))
+    right = np.cross(forward, [0, 0, 1.0])
+    right /= np.linalg.norm(right)
+    return RigidTransform(RotationMatrix(np.column_stack([right, np.cross(forward, right), forward])), np.array(eye))
+
+
 @dataclass(frozen=True)
 class Scene:
     """Bodies before a camera."""
@@ -56,11 +64,7 @@ class Scene:
 
     @property
     def camera_pose(self) -> RigidTransform:
-        eye, target = (np.array(point) for point in self.camera)
-        forward = (target - eye) / np.linalg.norm(target - eye)
-        right = np.cross(forward, [0, 0, 1.0])
-        right /= np.linalg.norm(right)
-        return RigidTransform(RotationMatrix(np.column_stack([right, np.cross(forward, right), forward])), eye)
+        return looking_at(*self.camera)
 
 
 SCENES: Final[dict[str, Callable[[Path], Scene]]] = {}
@@ -84,6 +88,20 @@ def write(folder: Path, pixels: np.ndarray, name: str = "texture") -> Path:
 
 def gltf(folder: Path, document: Gltf, name: str = "mesh") -> Mesh:
     return Mesh(str(document.write(folder / f"{name}.gltf")), 1.0)
+
+
+RED, GREEN, BLUE = (0.9, 0.1, 0.1), (0.1, 0.9, 0.1), (0.1, 0.1, 0.9)
+BEHIND: Final = Body(Box(1.0, 0.02, 0.3), (0, 0.6, 0), diffuse=(0.9, 0.3, 0.1, 1.0))
+WIDE_BEHIND: Final = Body(Box(0.8, 0.02, 0.5), (0, 0.5, 0), diffuse=(0.9, 0.3, 0.1, 1.0))
+
+
+def before_box(folder: Path, document: Gltf) -> Scene:
+    return Scene([BEHIND, Body(gltf(folder, document))])
+
+
+def single_ball(folder: Path, document: Gltf, material: int, *behind: Body, size: tuple[int, int] = SMALL) -> Scene:
+    document.node(document.mesh(*sphere(), material))
+    return Scene([*behind, Body(gltf(folder, document))], size=size)
 
 
 # -- textures of Drake's primitives ------------------------------------------------------------------------------------
@@ -114,7 +132,7 @@ for _name, _pixels in PRIMITIVE_TEXTURES.items():
             texture = write(folder, pixels)
             return Scene(
                 [
-                    Body(Box(0.8, 0.02, 0.5), (0, 0.5, 0), diffuse=(0.9, 0.3, 0.1, 1.0)),
+                    WIDE_BEHIND,
                     Body(Sphere(0.15), (-0.2, 0, 0.1), diffuse=diffuse, diffuse_map=texture),
                     Body(Box(0.2, 0.2, 0.2), (0.2, 0, 0.1), (0.3, 0.2, 0.5), diffuse, texture),
                     Body(Cylinder(0.08, 0.3), (0.0, -0.1, -0.15), (0.2, 1.5, 0), diffuse, texture),
@@ -150,8 +168,7 @@ for _name, _material in OBJ_MATERIALS.items():
     def _obj(folder: Path, material: str = _material) -> Scene:
         write(folder, PRIMITIVE_TEXTURES["alpha_gradient"])
         path = write_obj(folder / "ball.obj", *sphere(), material)
-        behind = Body(Box(0.8, 0.02, 0.5), (0, 0.5, 0), diffuse=(0.9, 0.3, 0.1, 1.0))
-        return Scene([behind, Body(Mesh(str(path), 1.0))])
+        return Scene([WIDE_BEHIND, Body(Mesh(str(path), 1.0))])
 
 
 @scene("obj_mirrored")
@@ -164,13 +181,10 @@ def obj_mirrored(folder: Path) -> Scene:
 # -- glTF: samplers ----------------------------------------------------------------------------------------------------
 
 
-def textured_quad(
-    folder: Path, sampler: dict[str, int] | None, repeat: float, size: float = 0.9, **material: Any
-) -> Mesh:
+def textured_quad(folder: Path, sampler: dict[str, int] | None, repeat: float, size: float = 0.9) -> Mesh:
     document = Gltf()
     texture = document.texture(checkers(256, 8, (30, 30, 120), (250, 240, 200)), sampler)
-    pbr = {"baseColorTexture": texture, "metallicFactor": 0.0}
-    document.node(document.mesh(*quad(size, size, repeat), document.material(pbrMetallicRoughness=pbr, **material)))
+    document.node(document.mesh(*quad(size, size, repeat), document.matte(texture=texture)))
     return gltf(folder, document)
 
 
@@ -213,16 +227,13 @@ for _s, _wrap_s in WRAPS.items():
             document = Gltf()
             sampler = {"wrapS": wrap_s, "wrapT": wrap_t, "minFilter": LINEAR, "magFilter": LINEAR}
             texture = document.texture(gradient(32), sampler)
-            material = document.material(pbrMetallicRoughness={"baseColorTexture": texture, "metallicFactor": 0.0})
             attributes, indices = quad(0.9, 0.7)
             attributes["TEXCOORD_0"] = attributes["TEXCOORD_0"] * 3.0 - 1.0
-            document.node(document.mesh(attributes, indices, material))
+            document.node(document.mesh(attributes, indices, document.matte(texture=texture)))
             return Scene([Body(gltf(folder, document))])
 
 
 # -- glTF: alpha -------------------------------------------------------------------------------------------------------
-
-BEHIND: Final = Body(Box(1.0, 0.02, 0.3), (0, 0.6, 0), diffuse=(0.9, 0.3, 0.1, 1.0))
 
 for _mode in ("OPAQUE", "MASK", "BLEND"):
     for _kind in ("factor", "texture", "both"):
@@ -231,24 +242,18 @@ for _mode in ("OPAQUE", "MASK", "BLEND"):
             @scene(f"alpha_{_mode.lower()}_{_kind}{'_double' if _sided else ''}")
             def _alpha(folder: Path, mode: str = _mode, kind: str = _kind, double_sided: bool = _sided) -> Scene:
                 document = Gltf()
-                pbr: dict[str, Any] = {"metallicFactor": 0.0}
-                if kind != "texture":
-                    pbr["baseColorFactor"] = [0.3, 0.9, 0.4, 0.6]
-                if kind != "factor":
-                    pbr["baseColorTexture"] = document.texture(PRIMITIVE_TEXTURES["alpha_gradient"])
-                material = document.material(pbrMetallicRoughness=pbr, alphaMode=mode, doubleSided=double_sided)
-                document.node(document.mesh(*sphere(), material))
-                return Scene([BEHIND, Body(gltf(folder, document))])
+                color = [0.3, 0.9, 0.4, 0.6] if kind != "texture" else None
+                texture = document.texture(PRIMITIVE_TEXTURES["alpha_gradient"]) if kind != "factor" else None
+                material = document.matte(color, texture, alphaMode=mode, doubleSided=double_sided)
+                return single_ball(folder, document, material, BEHIND)
 
 
 @scene("alpha_mask_cutoff")
 def alpha_mask_cutoff(folder: Path) -> Scene:
     document = Gltf()
     texture = document.texture(PRIMITIVE_TEXTURES["alpha_gradient"])
-    pbr = {"baseColorTexture": texture, "metallicFactor": 0.0}
-    material = document.material(pbrMetallicRoughness=pbr, alphaMode="MASK", alphaCutoff=0.8, doubleSided=True)
-    document.node(document.mesh(*sphere(), material))
-    return Scene([BEHIND, Body(gltf(folder, document))])
+    material = document.matte(texture=texture, alphaMode="MASK", alphaCutoff=0.8, doubleSided=True)
+    return single_ball(folder, document, material, BEHIND)
 
 
 for _mode in ("OPAQUE", "MASK", "BLEND"):
@@ -257,20 +262,17 @@ for _mode in ("OPAQUE", "MASK", "BLEND"):
     def _cut_out(folder: Path, mode: str = _mode) -> Scene:
         document = Gltf()
         texture = document.texture(PRIMITIVE_TEXTURES["cut_out"])
-        pbr = {"baseColorTexture": texture, "metallicFactor": 0.0}
-        material = document.material(pbrMetallicRoughness=pbr, alphaMode=mode, doubleSided=True)
-        document.node(document.mesh(*sphere(), material))
-        return Scene([BEHIND, Body(gltf(folder, document))])
+        return single_ball(folder, document, document.matte(None, texture, alphaMode=mode, doubleSided=True), BEHIND)
 
 
 @scene("several_nodes_with_alpha")
 def several_nodes_with_alpha(folder: Path) -> Scene:
     """The order in which VTK draws the nodes of one file."""
     document = Gltf()
-    for i, color in enumerate(([0.9, 0.1, 0.1, 0.5], [0.1, 0.9, 0.1, 0.5], [0.1, 0.1, 0.9, 0.5])):
-        material = document.material(pbrMetallicRoughness={"baseColorFactor": color, "metallicFactor": 0.0})
-        document.node(document.mesh(*quad(0.4, 0.4), material), translation=[0.1 * i - 0.1, 0.05 * i, -0.2 * i])
-    return Scene([BEHIND, Body(gltf(folder, document))])
+    for i, color in enumerate((RED, GREEN, BLUE)):
+        mesh = document.mesh(*quad(0.4, 0.4), document.matte((*color, 0.5)))
+        document.node(mesh, translation=[0.1 * i - 0.1, 0.05 * i, -0.2 * i])
+    return before_box(folder, document)
 
 
 @scene("several_primitives_with_alpha")
@@ -278,32 +280,30 @@ def several_primitives_with_alpha(folder: Path) -> Scene:
     """The order in which VTK draws the primitives of one mesh."""
     document = Gltf()
     primitives = []
-    for i, color in enumerate(([0.9, 0.1, 0.1, 0.5], [0.1, 0.9, 0.1, 0.5], [0.1, 0.1, 0.9, 0.5])):
-        material = document.material(pbrMetallicRoughness={"baseColorFactor": color, "metallicFactor": 0.0})
+    for i, color in enumerate((RED, GREEN, BLUE)):
         attributes, indices = quad(0.4, 0.4)
         attributes["POSITION"] = attributes["POSITION"] + [0.1 * i - 0.1, 0.05 * i, -0.2 * i]
-        primitives += document.document["meshes"][document.mesh(attributes, indices, material)]["primitives"]
+        mesh = document.mesh(attributes, indices, document.matte((*color, 0.5)))
+        primitives += document.document["meshes"][mesh]["primitives"]
     document.document["meshes"] = [{"primitives": primitives}]
     document.node(0)
-    return Scene([BEHIND, Body(gltf(folder, document))])
+    return before_box(folder, document)
+
+
+LAYERS: Final = tuple((*color, 0.5) for color in (RED, GREEN, BLUE))
 
 
 def stacked_gltf(folder: Path, order: tuple[int, ...]) -> list[Body]:
-    colors = ([0.9, 0.1, 0.1, 0.5], [0.1, 0.9, 0.1, 0.5], [0.1, 0.1, 0.9, 0.5])
     bodies = []
     for i in order:
         document = Gltf()
-        material = document.material(
-            pbrMetallicRoughness={"baseColorFactor": colors[i], "metallicFactor": 0.0}, alphaMode="BLEND"
-        )
-        document.node(document.mesh(*quad(0.4, 0.4), material))
+        document.node(document.mesh(*quad(0.4, 0.4), document.matte(LAYERS[i], alphaMode="BLEND")))
         bodies.append(Body(gltf(folder, document, f"layer{i}"), (0.1 * i - 0.1, 0.2 * i, 0.05 * i)))
     return bodies
 
 
 def stacked_boxes(order: tuple[int, ...]) -> list[Body]:
-    colors = ((0.9, 0.1, 0.1, 0.5), (0.1, 0.9, 0.1, 0.5), (0.1, 0.1, 0.9, 0.5))
-    return [Body(Box(0.4, 0.1, 0.4), (0.1 * i - 0.1, 0.2 * i, 0.05 * i), diffuse=colors[i]) for i in order]
+    return [Body(Box(0.4, 0.1, 0.4), (0.1 * i - 0.1, 0.2 * i, 0.05 * i), diffuse=LAYERS[i]) for i in order]
 
 
 for _order in ((0, 1, 2), (2, 1, 0), (1, 2, 0)):
@@ -326,59 +326,42 @@ def stacked_boxes_beside_gltf(folder: Path) -> Scene:
 # -- glTF: other materials ---------------------------------------------------------------------------------------------
 
 
+def mirrored_and_plain(folder: Path, document: Gltf, material: int, scale: list[float]) -> Scene:
+    mesh = document.mesh(*sphere(0.2), material)
+    document.node(mesh, scale=scale, translation=[-0.22, 0.0, 0.0])
+    document.node(mesh, translation=[0.22, 0.0, 0.0])
+    return Scene([Body(gltf(folder, document))])
+
+
 @scene("mirrored_node")
 def mirrored_node(folder: Path) -> Scene:
     document = Gltf()
-    pbr = {"baseColorTexture": document.texture(BOARD), "metallicFactor": 0.0}
-    mesh = document.mesh(*sphere(0.2), document.material(pbrMetallicRoughness=pbr))
-    document.node(mesh, scale=[-1.0, 1.0, 1.0], translation=[-0.22, 0.0, 0.0])
-    document.node(mesh, translation=[0.22, 0.0, 0.0])
-    return Scene([Body(gltf(folder, document))])
+    material = document.matte(texture=document.texture(BOARD))
+    return mirrored_and_plain(folder, document, material, [-1.0, 1.0, 1.0])
 
 
 @scene("mirrored_node_double_sided")
 def mirrored_node_double_sided(folder: Path) -> Scene:
     document = Gltf()
-    pbr = {"baseColorFactor": [0.3, 0.8, 0.9, 1.0], "metallicFactor": 0.0}
-    mesh = document.mesh(*sphere(0.2), document.material(pbrMetallicRoughness=pbr, doubleSided=True))
-    document.node(mesh, scale=[1.0, -1.0, 1.0], translation=[-0.22, 0.0, 0.0])
-    document.node(mesh, translation=[0.22, 0.0, 0.0])
-    return Scene([Body(gltf(folder, document))])
+    material = document.matte([0.3, 0.8, 0.9, 1.0], doubleSided=True)
+    return mirrored_and_plain(folder, document, material, [1.0, -1.0, 1.0])
 
 
-def single_ball(folder: Path, document: Gltf, material: int, size: tuple[int, int] = SMALL) -> Scene:
-    document.node(document.mesh(*sphere(), material))
-    return Scene([Body(gltf(folder, document))], size=size)
+EMISSIVE: Final[dict[str, Callable[[Gltf], dict[str, Any]]]] = {
+    "factor": lambda document: {"emissiveFactor": [0.5, 0.3, 0.0]},
+    "texture": lambda document: {"emissiveFactor": [0.5, 1.0, 0.3], "emissiveTexture": document.texture(BOARD)},
+    "strength": lambda document: {
+        "emissiveFactor": [0.2, 0.2, 0.2],
+        "emissiveTexture": document.texture(BOARD),
+        "extensions": {"KHR_materials_emissive_strength": {"emissiveStrength": 3.0}},
+    },
+}
+for _name, _fields in EMISSIVE.items():
 
-
-@scene("emissive_factor")
-def emissive_factor(folder: Path) -> Scene:
-    document = Gltf()
-    pbr = {"baseColorFactor": [0.2, 0.2, 0.2, 1.0], "metallicFactor": 0.0}
-    return single_ball(folder, document, document.material(pbrMetallicRoughness=pbr, emissiveFactor=[0.5, 0.3, 0.0]))
-
-
-@scene("emissive_texture")
-def emissive_texture(folder: Path) -> Scene:
-    document = Gltf()
-    pbr = {"baseColorFactor": [0.2, 0.2, 0.2, 1.0], "metallicFactor": 0.0}
-    material = document.material(
-        pbrMetallicRoughness=pbr, emissiveFactor=[0.5, 1.0, 0.3], emissiveTexture=document.texture(BOARD)
-    )
-    return single_ball(folder, document, material)
-
-
-@scene("emissive_strength")
-def emissive_strength(folder: Path) -> Scene:
-    document = Gltf()
-    document.use("KHR_materials_emissive_strength")
-    material = document.material(
-        pbrMetallicRoughness={"baseColorFactor": [0.2, 0.2, 0.2, 1.0], "metallicFactor": 0.0},
-        emissiveFactor=[0.2, 0.2, 0.2],
-        emissiveTexture=document.texture(BOARD),
-        extensions={"KHR_materials_emissive_strength": {"emissiveStrength": 3.0}},
-    )
-    return single_ball(folder, document, material)
+    @scene(f"emissive_{_name}")
+    def _emissive(folder: Path, fields: Callable[[Gltf], dict[str, Any]] = _fields) -> Scene:
+        document = Gltf()
+        return single_ball(folder, document, document.matte([0.2, 0.2, 0.2, 1.0], **fields(document)))
 
 
 @scene("vertex_grey")
@@ -386,7 +369,7 @@ def vertex_grey(folder: Path) -> Scene:
     document = Gltf()
     attributes, indices = quad()
     attributes["COLOR_0"] = np.full((4, 3), 0.5)
-    document.node(document.mesh(attributes, indices, document.material(pbrMetallicRoughness={"metallicFactor": 0.0})))
+    document.node(document.mesh(attributes, indices, document.matte()))
     return Scene([Body(gltf(folder, document))])
 
 
@@ -395,9 +378,8 @@ def vertex_colors_alpha(folder: Path) -> Scene:
     document = Gltf()
     attributes, indices = quad()
     attributes["COLOR_0"] = np.array([[1, 0, 0, 1], [0, 1, 0, 0.7], [0, 0, 1, 0.4], [1, 1, 1, 0.1]])
-    material = document.material(pbrMetallicRoughness={"metallicFactor": 0.0}, alphaMode="BLEND")
-    document.node(document.mesh(attributes, indices, material))
-    return Scene([BEHIND, Body(gltf(folder, document))])
+    document.node(document.mesh(attributes, indices, document.matte(alphaMode="BLEND")))
+    return before_box(folder, document)
 
 
 def normal_map() -> np.ndarray:
@@ -409,7 +391,7 @@ def normal_map() -> np.ndarray:
     return np.round(127.5 * (normal + 1)).astype(np.uint8)
 
 
-MAPS: Final = {
+MAPS: Final[dict[str, Callable[[Gltf], dict[str, Any]]]] = {
     "normal": lambda document: {"normalTexture": document.texture(normal_map(), scale=0.8)},
     "metallic_roughness": lambda document: {
         "pbrMetallicRoughness": {
@@ -437,7 +419,7 @@ for _name, _fields in MAPS.items():
     @scene(f"maps_{_name}")
     def _maps(folder: Path, fields: Callable[[Gltf], dict[str, Any]] = _fields) -> Scene:
         document = Gltf()
-        return single_ball(folder, document, document.material(**fields(document)), (320, 240))
+        return single_ball(folder, document, document.material(**fields(document)), size=(320, 240))
 
 
 @scene("materials_metal_and_rough")
@@ -453,11 +435,9 @@ def materials_metal_and_rough(folder: Path) -> Scene:
 @scene("unlit")
 def unlit(folder: Path) -> Scene:
     document = Gltf()
-    document.use("KHR_materials_unlit")
     pbr = {"baseColorFactor": [0.7, 0.3, 0.2, 1.0]}
-    return single_ball(
-        folder, document, document.material(pbrMetallicRoughness=pbr, extensions={"KHR_materials_unlit": {}})
-    )
+    material = document.material(pbrMetallicRoughness=pbr, extensions={"KHR_materials_unlit": {}})
+    return single_ball(folder, document, material)
 
 
 @scene("texture_transform")
@@ -465,8 +445,8 @@ def texture_transform(folder: Path) -> Scene:
     document = Gltf()
     document.use("KHR_texture_transform")
     transform = {"KHR_texture_transform": {"scale": [2.0, 3.0], "offset": [0.2, 0.1], "rotation": 0.4}}
-    pbr = {"baseColorTexture": document.texture(gradient(64), extensions=transform), "metallicFactor": 0.0}
-    return single_ball(folder, document, document.material(pbrMetallicRoughness=pbr))
+    material = document.matte(texture=document.texture(gradient(64), extensions=transform))
+    return single_ball(folder, document, material)
 
 
 @scene("second_texcoord")
@@ -474,27 +454,25 @@ def second_texcoord(folder: Path) -> Scene:
     document = Gltf()
     attributes, indices = quad()
     attributes["TEXCOORD_1"] = attributes["TEXCOORD_0"] * 2.0
-    pbr = {"baseColorTexture": document.texture(BOARD, texCoord=1), "metallicFactor": 0.0}
-    document.node(document.mesh(attributes, indices, document.material(pbrMetallicRoughness=pbr)))
+    material = document.matte(texture=document.texture(BOARD, texCoord=1))
+    document.node(document.mesh(attributes, indices, material))
     return Scene([Body(gltf(folder, document))])
 
 
 @scene("back_faces")
 def back_faces(folder: Path) -> Scene:
     document = Gltf()
-    single = document.material(pbrMetallicRoughness={"metallicFactor": 0.0})
-    double = document.material(pbrMetallicRoughness={"metallicFactor": 0.0}, doubleSided=True)
-    half_turn = [0.0, 1.0, 0.0, 0.0]
-    document.node(document.mesh(*quad(0.3, 0.3), single), translation=[-0.2, 0.0, 0.0], rotation=half_turn)
-    document.node(document.mesh(*quad(0.3, 0.3), double), translation=[0.2, 0.0, 0.0], rotation=half_turn)
-    return Scene([BEHIND, Body(gltf(folder, document))])
+    for x, material in ((-0.2, document.matte()), (0.2, document.matte(doubleSided=True))):
+        mesh = document.mesh(*quad(0.3, 0.3), material)
+        document.node(mesh, translation=[x, 0.0, 0.0], rotation=[0.0, 1.0, 0.0, 0.0])
+    return before_box(folder, document)
 
 
 @scene("without_normals")
 def without_normals(folder: Path) -> Scene:
     """A ball, the same mirrored, and a sheet of triangles with both windings."""
     document = Gltf()
-    material = document.material(pbrMetallicRoughness={"metallicFactor": 0.0}, doubleSided=True)
+    material = document.matte(doubleSided=True)
     attributes, indices = sphere(0.2, 8, 12)
     ball = document.mesh({"POSITION": attributes["POSITION"]}, indices, material)
     document.node(ball, translation=[-0.25, 0.0, 0.0])
@@ -503,13 +481,13 @@ def without_normals(folder: Path) -> Scene:
     triangles = np.array(indices).reshape(-1, 3)
     triangles[0] = triangles[0, ::-1]
     document.node(document.mesh({"POSITION": attributes["POSITION"]}, triangles.reshape(-1), material))
-    return Scene([BEHIND, Body(gltf(folder, document))])
+    return before_box(folder, document)
 
 
 @scene("twins")
 def twins(folder: Path) -> Scene:
     """Of two identical things, the one that is drawn last is seen, by its label as well."""
-    red, green = (0.9, 0.1, 0.1, 1.0), (0.1, 0.9, 0.1, 1.0)
+    red, green = (*RED, 1.0), (*GREEN, 1.0)
     boxes = [Body(Box(0.2, 0.2, 0.2), (0.25, 0, 0), (0.3, 0.2, 0.5), color) for color in (red, green)]
     return Scene([*boxes, *(Body(Sphere(0.15), (-0.25, 0, 0), diffuse=color) for color in (green, red))])
 
@@ -517,17 +495,9 @@ def twins(folder: Path) -> Scene:
 @scene("twins_gltf")
 def twins_gltf(folder: Path) -> Scene:
     document = Gltf()
-    for color in ([0.9, 0.1, 0.1, 1.0], [0.1, 0.9, 0.1, 1.0], [0.1, 0.1, 0.9, 1.0]):
-        material = document.material(pbrMetallicRoughness={"baseColorFactor": color, "metallicFactor": 0.0})
-        document.node(document.mesh(*sphere(0.2), material))
-    return Scene([BEHIND, Body(gltf(folder, document))])
-
-
-def _textured_quads(folder: Path, texture: np.ndarray, **material: Any) -> Scene:
-    document = Gltf()
-    pbr = {"baseColorTexture": document.texture(texture), "metallicFactor": 0.0}
-    document.node(document.mesh(*quad(), document.material(pbrMetallicRoughness=pbr, **material)))
-    return Scene([BEHIND, Body(gltf(folder, document))])
+    for color in (RED, GREEN, BLUE):
+        document.node(document.mesh(*sphere(0.2), document.matte((*color, 1.0))))
+    return before_box(folder, document)
 
 
 @scene("without_material")
@@ -546,14 +516,17 @@ def without_material(folder: Path) -> Scene:
     return Scene([BEHIND, *(Body(mesh, (x, 0, 0)) for x in (-0.35, 0.0, 0.35))])
 
 
-@scene("grey_alpha")
-def grey_alpha(folder: Path) -> Scene:
-    return _textured_quads(folder, PRIMITIVE_TEXTURES["grey_alpha"])
+FORMATS: Final = {
+    "grey_alpha": PRIMITIVE_TEXTURES["grey_alpha"],
+    "sixteen_bits": gradient(64).astype(np.uint16) * 257,
+}
+for _name, _pixels in FORMATS.items():
 
-
-@scene("sixteen_bits")
-def sixteen_bits(folder: Path) -> Scene:
-    return _textured_quads(folder, gradient(64).astype(np.uint16) * 257)
+    @scene(_name)
+    def _format(folder: Path, pixels: np.ndarray = _pixels) -> Scene:
+        document = Gltf()
+        document.node(document.mesh(*quad(), document.matte(texture=document.texture(pixels))))
+        return before_box(folder, document)
 
 
 @scene("blended_gltf_before_gltf_floor")
@@ -562,10 +535,9 @@ def blended_gltf_before_gltf_floor(folder: Path) -> Scene:
     bodies = []
     for order, name in enumerate(("film", "floor")):
         document = Gltf()
-        color = [0.9, 0.1, 0.1, 0.5] if name == "film" else [0.2, 0.8, 0.3, 1.0]
-        pbr = {"baseColorFactor": color, "metallicFactor": 0.0}
-        mode = {"alphaMode": "BLEND"} if name == "film" else {}
-        document.node(document.mesh(*quad(0.4, 0.4), document.material(pbrMetallicRoughness=pbr, **mode)))
+        film = name == "film"
+        material = document.matte(LAYERS[0], alphaMode="BLEND") if film else document.matte([0.2, 0.8, 0.3, 1.0])
+        document.node(document.mesh(*quad(0.4, 0.4), material))
         bodies.append(Body(gltf(folder, document, name), (0.1 * order, 0.2 * order, 0.05 * order)))
     return Scene([BEHIND, *bodies, *reversed([Body(b.shape, (0.0, 0.1, -0.2)) for b in bodies])])
 
@@ -573,9 +545,9 @@ def blended_gltf_before_gltf_floor(folder: Path) -> Scene:
 @scene("blended_texture_before_gltf_floor")
 def blended_texture_before_gltf_floor(folder: Path) -> Scene:
     film, floor = Gltf(), Gltf()
-    pbr = {"baseColorTexture": film.texture(PRIMITIVE_TEXTURES["half_alpha"]), "metallicFactor": 0.0}
-    film.node(film.mesh(*quad(0.4, 0.4), film.material(pbrMetallicRoughness=pbr, alphaMode="BLEND")))
-    floor.node(floor.mesh(*quad(0.6, 0.6), floor.material(pbrMetallicRoughness={"metallicFactor": 0.0})))
+    texture = film.texture(PRIMITIVE_TEXTURES["half_alpha"])
+    film.node(film.mesh(*quad(0.4, 0.4), film.matte(texture=texture, alphaMode="BLEND")))
+    floor.node(floor.mesh(*quad(0.6, 0.6), floor.matte()))
     bodies = [Body(gltf(folder, film, "film"), (0, 0, 0)), Body(gltf(folder, floor, "floor"), (0.1, 0.2, 0.1))]
     return Scene([BEHIND, *bodies])
 
@@ -585,11 +557,8 @@ def specular_glossiness(folder: Path) -> Scene:
     """An extension that VTK ignores, and whose colour is no label."""
     document = Gltf()
     glossiness = {"diffuseFactor": [0.2, 0.4, 0.9, 1.0], "specularFactor": [0.5, 0.5, 0.5], "glossinessFactor": 0.9}
-    pbr = {"baseColorFactor": [0.9, 0.4, 0.1, 1.0], "metallicFactor": 0.0}
     extensions = {"KHR_materials_pbrSpecularGlossiness": glossiness}
-    document.use("KHR_materials_pbrSpecularGlossiness")
-    material = document.material(pbrMetallicRoughness=pbr, extensions=extensions)
-    return single_ball(folder, document, material)
+    return single_ball(folder, document, document.matte([0.9, 0.4, 0.1, 1.0], extensions=extensions))
 
 
 @scene("skin_and_morph_target")

@@ -3,7 +3,6 @@
 import json
 import os
 import subprocess
-from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -16,14 +15,12 @@ from numpy.typing import NDArray
 from gateway.adapters.render.config import RenderConfig
 from gateway.adapters.render.form import LOOK_FIELD, read_fields
 from gateway.adapters.render.pipeline import Pipeline
-from renderers.raster import CpuRenderer
+from tests.drake.conftest import COLOR_STEP, MAX_DEPTH_ERROR
 from tests.support.corpus import DONT_CARE_LABEL, EMPTY_LABEL, TABLE, Row, decode_label
 from tests.support.waiting import SECONDS
 
 PYTHONS = {"1.51.1": "SCENEGATE_DRAKE_PYTHON", "1.58.0": "SCENEGATE_NEW_DRAKE_PYTHON"}
 """Environment variables that name an interpreter with pydrake, by its version."""
-COLOR_STEP = 20
-"""Difference of a channel, of 255, that Drake's integration test tolerates."""
 MAX_COLOR_FRACTION = 0.002
 """Fraction of channel values that may differ by more."""
 COLOR_EXCEPTIONS = {
@@ -37,8 +34,6 @@ COLOR_EXCEPTIONS = {
 """Larger fractions, by the beginning of the scene's name."""
 BROKEN_LABELS = ("vertex_", "without_material")
 """RenderEngineVtk multiplies labels by vertex colours. Primitives without a material carry no label."""
-MAX_DEPTH_ERROR = 1e-3
-"""Metres."""
 DEPTH_EXCEPTIONS = ("kilometres",)
 """Depth beyond a kilometre, where VTK's 24 bits of depth are worth metres."""
 
@@ -57,13 +52,6 @@ def captured(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFa
     done = subprocess.run(command, cwd=root, capture_output=True, text=True, timeout=SECONDS, check=False)
     assert done.returncode == 0, done.stderr
     return folder
-
-
-@pytest.fixture(scope="module")
-def pipeline() -> Iterator[Pipeline]:
-    renderer = CpuRenderer(2)
-    yield Pipeline(renderer, RenderConfig())
-    renderer.close()
 
 
 @dataclass(frozen=True)

@@ -1,7 +1,6 @@
 """Drake's own robots as its client posts them, against RenderEngineVtk's images."""
 
 import lzma
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -13,28 +12,17 @@ from numpy.typing import NDArray
 from gateway.adapters.render.config import RenderConfig
 from gateway.adapters.render.form import FormReader
 from gateway.adapters.render.pipeline import Pipeline
-from renderers.raster import CpuRenderer
+from tests.drake.conftest import COLOR_STEP, MAX_DEPTH_ERROR
 from tests.support.corpus import DONT_CARE_LABEL, EMPTY_LABEL, TABLE, Row, corpus_path, decode_label
 
-COLOR_STEP = 20
-"""Difference of a channel, of 255, that Drake's integration test tolerates."""
 MAX_COLOR_FRACTION = 0.001
 """Fraction of channel values that may differ by more."""
-MAX_DEPTH_ERROR = 1e-3
-"""Metres."""
 MAX_PIXELS = 4
 """Number of pixels at edges with another label, or covered in one image only."""
 
 HERE = Path(__file__).parent / "robots"
 CORPUS = corpus_path()
 FOLDERS = [*HERE.glob("*_*"), *((CORPUS / "drake_robots").glob("*_*") if CORPUS else ())]
-
-
-@pytest.fixture(scope="module")
-def pipeline() -> Iterator[Pipeline]:
-    renderer = CpuRenderer(2)
-    yield Pipeline(renderer, RenderConfig())
-    renderer.close()
 
 
 def image(pipeline: Pipeline, folder: Path, kind: str) -> NDArray[Any]:
