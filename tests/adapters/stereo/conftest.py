@@ -18,6 +18,8 @@ from fastapi import APIRouter, FastAPI
 from numpy.typing import NDArray
 
 from gateway.adapters.stereo.device.camera_config import StereoConfig
+from gateway.adapters.stereo.device.parameters import Parameters
+from gateway.adapters.stereo.device.stream_settings import StreamSettings, read_settings
 from gateway.adapters.stereo.imaging.recorded_pairs import RecordedPairs
 from gateway.adapters.stereo.imaging.scene_view import SceneSource, SceneState
 from gateway.adapters.stereo.routes.fault_routes import fault_router
@@ -169,6 +171,13 @@ def logs() -> Iterator[None]:
     yield
     root.handlers[:], root.level = handlers, level
     structlog.reset_defaults()
+
+
+def settings(node: str = "rc_camera", **values: object) -> StreamSettings:
+    """Return the settings of a stream with some parameters of a node."""
+    parameters = Parameters()
+    parameters.set(node, values.items())
+    return read_settings(parameters)
 
 
 def nanoseconds(time: pb.Time) -> int:

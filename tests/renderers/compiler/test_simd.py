@@ -86,17 +86,18 @@ def _integers(a, b, out):
     vec.store(o, 96, vec.load_third(p, 0, 2))
     vec.store(o, 104, vec.to_i32(vec.to_f32(x)))
     vec.store(o, 112, vec.select(vec.less_unsigned(x, y), x, y))
+    vec.store(o, 120, vec.count_bits(x))
 
 
 def test_integers_lane_by_lane() -> None:
     x = np.array((5, -7, 100, -100, 0, 1, 65535, -65536, *range(20, 36)), np.int32)
     y = np.array((3, 3, -3, 12, 9, -1, 2, 5), np.int32)
-    out = np.zeros(120, np.int32)
+    out = np.zeros(128, np.int32)
     _integers(x.ctypes.data, y.ctypes.data, out.ctypes.data)
     a = x[:8]
     expected = (a + y, a - y, a * y, a & y, a | y, a ^ y, a >> 2, a << 2, ~a, -a, np.minimum(a, y), a[np.arange(8) ^ 3])
     unsigned = np.minimum(a.view(np.uint32), y.view(np.uint32)).view(np.int32)
-    for k, values in enumerate((*expected, x[2::3], a, unsigned)):
+    for k, values in enumerate((*expected, x[2::3], a, unsigned, np.bitwise_count(a.view(np.uint32)))):
         np.testing.assert_array_equal(out[8 * k : 8 * k + 8], values, err_msg=str(k))
 
 
@@ -272,29 +273,3 @@ def test_permutations_and_gathers() -> None:
     np.testing.assert_array_equal(number[16:24], whole[offsets])
     np.testing.assert_array_equal(number[32:40], whole[lanes])
     np.testing.assert_array_equal(out[:8], values[lanes])
-
-
-@njit
-def _single_lanes(a, out):
-    o, x = i32_at(out), vec.load(i32_at(a), 0)
-    for k in range(8):
-        o[k] = vec.lane(x, k)
-
-
-def test_single_lanes() -> None:
-    a, out = np.arange(3, 11, dtype=np.int32), np.zeros(8, np.int32)
-    _single_lanes(a.ctypes.data, out.ctypes.data)
-    np.testing.assert_array_equal(out, a)
-
-
-@njit
-def _counts(values):
-    p = i32_at(values)
-    vec.store(p, 0, vec.count_bits(vec.load(p, 0)))
-
-
-def test_bits_are_counted_lane_by_lane() -> None:
-    values = np.array((0, 1, -1, 255, 1 << 31, 0x0F0F0F0F, 6, 0x7FFFFFFF), np.int64)
-    lanes = values.astype(np.uint64).astype(np.uint32).view(np.int32)
-    _counts(lanes.ctypes.data)
-    assert lanes.tolist() == [(int(value) & 0xFFFFFFFF).bit_count() for value in values]

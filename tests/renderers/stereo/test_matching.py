@@ -50,7 +50,11 @@ def test_matching_with_soft_dots(quality: Quality) -> None:
     measured = match_pair(left, right, MODEL.disparity_count(quality.divisor, 0.1), 0.3, quality.divisor)
     sure = (true > 0) & (measured.confidence >= 128)
     assert sure.sum() / (true > 0).sum() >= 0.95
-    assert (np.abs(measured.disparity / 16 - true)[sure] > 1).mean() < 0.01
+    error = np.abs(measured.disparity / 16 - true)
+    assert (error[sure] > 1).mean() < 0.01
+    # The confidence is a promise: that share lies within three standard deviations.
+    within = error <= 3 * measured.error / 16
+    assert within[sure].mean() == pytest.approx(measured.confidence[sure].mean() / 255, abs=0.05)
 
 
 @pytest.mark.parametrize("width", [640, 1280])

@@ -9,20 +9,15 @@ import pytest
 from gateway.adapters.stereo.device.camera_config import StereoConfig
 from gateway.adapters.stereo.device.parameter_specs import NODES, Spec
 from gateway.adapters.stereo.device.parameters import ParameterError, Parameters, UnknownParameterError, check_value
-from gateway.adapters.stereo.device.stream_settings import Region, StreamSettings, read_settings
+from gateway.adapters.stereo.device.stream_settings import Region
 from gateway.adapters.stereo.stream.set_kind import read_set_kind
 from renderers.stereo.mesh.disparity_mesh import MeshOptions
 from renderers.stereo.model import Quality, StereoModel
 from renderers.stereo.sensor.exposure import Exposure
 from scenegate.camera import image_interface_pb2 as pb
+from tests.adapters.stereo.conftest import settings
 
 SPECS = [spec for specs in NODES.values() for spec in specs.values()]
-
-
-def settings(node: str = "rc_camera", **values: object) -> StreamSettings:
-    parameters = Parameters()
-    parameters.set(node, values.items())
-    return read_settings(parameters)
 
 
 @pytest.mark.parametrize("spec", SPECS, ids=lambda spec: spec.name)
@@ -67,19 +62,18 @@ def test_types() -> None:
     assert isinstance(check_value(seg, 5.0), int)
     assert [check_value(auto, value) for value in (0, 1, True, 0.0)] == [False, True, True, False]
     for spec, value, message in (
-        (seg, 5.5, "seg: 5.5 is not a whole number"),
-        (seg, True, "seg: True is not a number"),
-        (auto, 2, "exp_auto: 2 is not true or false"),
-        (auto, None, "exp_auto: None is not true or false"),
-        (fps, 10**400, "fps: the number is too large"),
-        (fps, float("nan"), "fps: nan is not a finite number"),
-        (fps, float("-inf"), "fps: -inf is not a finite number"),
-        (NODES["rc_camera"]["exp_control"], 1, "exp_control: 1 is not a string"),
-        (NODES["rc_camera"]["exp_control"], "auto", "exp_control: 'auto' is not one of Auto, Manual, HDR"),
+        (seg, 5.5, "seg: 5.5 .*whole"),
+        (seg, True, "seg: True "),
+        (auto, 2, "exp_auto: 2 "),
+        (auto, None, "exp_auto: None "),
+        (fps, 10**400, "fps: .*too large"),
+        (fps, float("nan"), "fps: nan "),
+        (fps, float("-inf"), "fps: -inf "),
+        (NODES["rc_camera"]["exp_control"], 1, "exp_control: 1 .*string"),
+        (NODES["rc_camera"]["exp_control"], "auto", "exp_control: 'auto' .*Auto, Manual, HDR$"),
     ):
-        with pytest.raises(ParameterError) as refusal:
+        with pytest.raises(ParameterError, match=f"^{message}"):
             check_value(spec, value)
-        assert str(refusal.value) == message
 
 
 def test_long_values_are_cut_in_messages() -> None:
@@ -143,13 +137,13 @@ def test_output_modes(mode: str, camera: int, depth: int) -> None:
 
 
 def test_acquisition_modes() -> None:
-    for mode, single, out1 in (
-        ("Continuous", False, False),
-        ("SingleFrame", True, False),
-        ("SingleFrameOut1", True, True),
+    for mode, expected in (
+        ("Continuous", (False, False)),
+        ("SingleFrame", (True, False)),
+        ("SingleFrameOut1", (True, True)),
     ):
         chosen = settings("rc_stereomatching", acquisition_mode=mode)
-        assert (chosen.single_frame, chosen.single_frame_out1) == (single, out1)
+        assert (chosen.single_frame, chosen.single_frame_out1) == expected
 
 
 def test_rates() -> None:

@@ -29,6 +29,7 @@ from renderers.stereo.model import Quality
 
 PAGE = Path(__file__).parents[4] / "docs" / "camera-profiles.md"
 MINIMAL = 'name = "x"\n[stereo]\nsize = [640, 400]\nfocal_length = 704.0\nbaseline = 0.05\n'
+COLOR = MINIMAL + "[color]\nsize = [64, 64]\nfocal_length = "
 
 
 def write(folder: Path, text: str) -> str:
@@ -60,7 +61,7 @@ def test_rgbd_camera() -> None:
     settings = read_settings(parameters)
     assert (settings.fps, settings.depth_rate, settings.quality, settings.depth_gpio) == (30, 30, Quality.FULL, 1)
     assert (settings.filters.mindepth, settings.filters.maxdepth) == (0.2, 10.0)
-    with pytest.raises(ParameterError, match=r"maxdepth: 11 is out of range, 0\.2 to 10 are allowed"):
+    with pytest.raises(ParameterError, match=r"maxdepth: 11 .* 0\.2 to 10 "):
         parameters.set("rc_stereomatching", [("maxdepth", 11)])
     parameters.set("rc_iocontrol", [("out1_mode", "ExposureAlternateActive")])
     assert read_settings(parameters).camera_rate == 15.0, "every second exposure is for depth"
@@ -96,29 +97,16 @@ def test_the_page_shows_every_key_and_its_example_is_valid(tmp_path: Path) -> No
         (MINIMAL + "basline = 1\n", "unknown field `basline` - at `stereo`"),
         (MINIMAL.replace("640", "15"), r"`int` >= 16 - at `stereo.size\[0\]`"),
         (MINIMAL.replace("704.0", '"704"'), "Expected `float`, got `str` - at `stereo.focal_length`"),
-        (MINIMAL.replace("704.0", "1e5"), "stereo.focal_length is 100000, images 640 pixels wide need 32 to 12800"),
-        (
-            MINIMAL.replace("640, 400", "8192, 8192"),
-            "stereo.size: 8192x8192 has 67108864 pixels, the limit is 16777216",
-        ),
-        (MINIMAL + "[color]\nsize = [8192, 4096]\nfocal_length = 900\n", "color.size: 8192x4096 has 33554432 pixels"),
-        (
-            MINIMAL + "[color]\nsize = [64, 64]\nfocal_length = 1e-9\n",
-            "color.focal_length is 1e-09, .* need 3.2 to 1280",
-        ),
-        (MINIMAL + "[depth]\nrange = [2, 1]\n", "depth.range: 2 is not less than 1"),
-        (MINIMAL + "[depth]\nrange = [0.01, 0.1]\n", "depth.range: nothing nearer than 0.1 m can be measured"),
-        (MINIMAL + "distortion = [-9, 0, 0, 0, 0]\n", "unknown field `distortion` - at `stereo`"),
-        (MINIMAL + '[depth]\nquality = "full"\n', "Invalid enum value 'full' - at `depth.quality`"),
-        (
-            MINIMAL + "[color]\nsize = [64, 64]\nfocal_length = 9\nrotation = [0, 0, 0, 0]\n",
-            "color.rotation has the length 0, the minimum is 0.001",
-        ),
-        (
-            MINIMAL + "[color]\nsize = [64, 64]\nfocal_length = 9\nrotation = [1e-300, 0, 0, 0]\n",
-            "has the length 1e-300, the minimum is 0.001",
-        ),
-        ("#" * (MAX_FILE_BYTES + 1), f"has more than {MAX_FILE_BYTES} bytes"),
+        (MINIMAL.replace("704.0", "1e5"), "stereo.focal_length is 100000, .* 640 .* 32 to 12800"),
+        (MINIMAL.replace("640, 400", "8192, 8192"), "stereo.size: 8192x8192 .* 67108864 .* 16777216"),
+        (COLOR.replace("64, 64", "8192, 4096") + "900\n", "color.size: 8192x4096 .* 33554432"),
+        (COLOR + "1e-9\n", "color.focal_length is 1e-09, .* 3.2 to 1280"),
+        (MINIMAL + "[depth]\nrange = [2, 1]\n", "depth.range: 2 .* 1"),
+        (MINIMAL + "[depth]\nrange = [0.01, 0.1]\n", "depth.range: .* 0.1 m"),
+        (MINIMAL + '[depth]\nquality = "full"\n', "'full' - at `depth.quality`"),
+        (COLOR + "9\nrotation = [0, 0, 0, 0]\n", "color.rotation .* 0, .* 0.001"),
+        (COLOR + "9\nrotation = [1e-300, 0, 0, 0]\n", "color.rotation .* 1e-300, .* 0.001"),
+        ("#" * (MAX_FILE_BYTES + 1), str(MAX_FILE_BYTES)),
     ],
 )
 def test_invalid_profiles_are_one_sentence(text: str, message: str, tmp_path: Path) -> None:
@@ -139,10 +127,10 @@ def test_text_of_a_camera() -> None:
     assert parse_mounted_camera("eye=1,0,0;target=0,0,0").name == ""
     for text, message in (
         ("name=a;name=b;0,0,0,1,0,0,0", "name= twice"),
-        ("name=a b;0,0,0,1,0,0,0", "name='a b' of a camera must have 1 to 64"),
-        ("name=1;0,0,0,1,0,0,0", "name='1' of a camera must not be a number"),
-        ("profile=;0,0,0,1,0,0,0", "has profile= without the name or file of a profile"),
-        ("name=a;", "neither x,y,z,qw,qx,qy,qz"),
+        ("name=a b;0,0,0,1,0,0,0", "name='a b' .* 1 to 64"),
+        ("name=1;0,0,0,1,0,0,0", "name='1' .* number"),
+        ("profile=;0,0,0,1,0,0,0", "profile= without"),
+        ("name=a;", "x,y,z,qw,qx,qy,qz"),
     ):
         with pytest.raises(CameraError, match=message):
             parse_mounted_camera(text)

@@ -14,7 +14,6 @@ from renderers.stereo.realism import REALISM_PARTS
 from renderers.stereo.sensor.camera_image import NoiseStream, frame_key
 from renderers.stereo.sensor.exposure import Exposure
 from tests.adapters.stereo.camera_images import sensor_image
-from tests.adapters.stereo.conftest import SMALL, Start, pixels
 
 
 def test_the_defaults_are_the_device_s() -> None:
@@ -29,16 +28,6 @@ def test_image_noise_is_a_factor() -> None:
     deviation = [float(image.std()) for image in images]
     assert deviation[0] == 0.0
     assert 2.8 < deviation[2] / deviation[1] < 3.2
-
-
-async def test_meshes_with_colours_for_trimesh_and_open3d(start: Start) -> None:
-    camera = await start(image_noise=2.0)
-    (image_set,) = await camera.take(mesh_enabled=True, mesh_options={"textured": True}, left_enabled=True)
-    header = image_set.mesh.data[: image_set.mesh.data.index(b"end_header")]
-    assert b"property uint8 diffuse_red" in header
-    assert b"property uint8 red" in header
-    assert pixels(image_set.left).shape == (SMALL.height, SMALL.width)
-    assert 0.5 < image_set.left.noise < 3.0
 
 
 def test_realism_is_all_by_default(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:

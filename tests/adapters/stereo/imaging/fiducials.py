@@ -19,6 +19,8 @@ from renderers.stereo.sensor.camera_image import LENS_BLUR
 from renderers.stereo.sensor.exposure import DISPLAY_GAMMA, Exposure
 from tests.adapters.stereo.camera_images import expose
 
+Find = Callable[[NDArray[np.uint8]], Any]
+"""Finds the pixels of a pattern's points; None: it is not seen."""
 TEXELS: Final = 24
 """Texels per cell of a tag: finer than the pixels of the image."""
 TAG_ID: Final = 17
@@ -43,17 +45,15 @@ PATTERNS: Final[dict[str, int | None]] = {
 """OpenCV's dictionary by the name of a pattern; None: a grid of circles."""
 
 
-def tag(name: int) -> NDArray[np.uint8]:
-    """Return a tag of one of OpenCV's dictionaries with a white border of a cell, a value per cell."""
+def texture_of(pattern: str) -> NDArray[np.uint8]:
+    """Return the texture of a pattern, ``TEXELS`` per cell, with a white border of a cell around a tag."""
+    name = PATTERNS[pattern]
+    if name is None:
+        return circles()
     dictionary = cv2.aruco.getPredefinedDictionary(name)
-    cells = dictionary.markerSize + 2
-    image = np.asarray(cv2.aruco.generateImageMarker(dictionary, TAG_ID, cells), np.uint8)
-    return np.pad(image, 1, constant_values=255)
-
-
-def tag_texture(name: int) -> NDArray[np.uint8]:
-    """Return the texture of a tag, ``TEXELS`` per cell."""
-    return np.kron(tag(name), np.ones((TEXELS, TEXELS), np.uint8))
+    image = np.asarray(cv2.aruco.generateImageMarker(dictionary, TAG_ID, dictionary.markerSize + 2), np.uint8)
+    cells = np.pad(image, 1, constant_values=255)
+    return np.kron(cells, np.ones((TEXELS, TEXELS), np.uint8)).astype(np.uint8)
 
 
 class View:
@@ -61,8 +61,8 @@ class View:
 
     def __init__(
         self,
-        texture: NDArray[np.uint8],
-        size: tuple[float, float],
+        pattern: str,
+        cell: float,
         rotation: tuple[float, float, float],
         distance: float,
         parts: tuple[RealismPart, ...] = (),
@@ -70,22 +70,24 @@ class View:
     ):
         """
         Args:
-            texture: grey values of the pattern.
-            size: width and height of the pattern, metres.
+            pattern: a name of ``PATTERNS``.
+            cell: side of its cells, metres.
             rotation: rotation vector of the pattern, radians.
             distance: depth of its centre, metres.
             parts: parts of ``--stereo-realism``.
             shift: shift of the pattern in the image, pixels.
         """
         self.config = StereoConfig(noise=False, realism=frozenset(parts))
-        self.texture, self.size, self.blur = texture, size, LENS_BLUR if "lens-blur" in parts else 0.0
+        self.pattern, self.cell, self.texture = pattern, cell, texture_of(pattern)
+        self.size = (cell * self.texture.shape[1] / TEXELS, cell * self.texture.shape[0] / TEXELS)
+        self.blur = LENS_BLUR if "lens-blur" in parts else 0.0
         self.pose = np.eye(4)
         self.pose[:3, :3] = cv2.Rodrigues(np.array(rotation))[0]
         self.k = self.config.model.intrinsics()
         across, down = np.array(shift) * distance / self.k.focal_length
         self.pose[:3, 3] = (0.031 + across, -0.023 + down, distance)
         center = self.pose[:2, 3] / distance * self.k.focal_length + (self.k.cx, self.k.cy)
-        half = int(0.85 * max(size) / distance * self.k.focal_length)
+        half = int(0.85 * max(self.size) / distance * self.k.focal_length)
         self.left, self.top, self.side = int(center[0]) - half, int(center[1]) - half, 2 * half
 
     def camera_image(self, renderer: CpuRenderer) -> NDArray[np.uint8]:
@@ -135,27 +137,33 @@ class View:
         _, _, translation = cv2.solvePnP(points, pixels, K, None)
         return float(np.linalg.norm(translation))
 
-    def tag_ranges(self, name: int, side: float, renderer: CpuRenderer) -> tuple[float, float]:
-        """Return the distance of a tag's centre by its camera image and by its ideal image, metres.
+    def ranges(self, renderer: CpuRenderer) -> tuple[float, float]:
+        """Return the distance of the pattern's centre by its camera image and by its ideal image, metres."""
+        find, points = self._circles() if PATTERNS[self.pattern] is None else self._tag()
+        found = [find(image) for image in (self.camera_image(renderer), self.ideal_image())]
+        assert all(pixels is not None for pixels in found), "the pattern is not found"
+        measured, ideal = (self.range(pixels, points) for pixels in found)
+        return measured, ideal
 
-        ``name`` is OpenCV's dictionary, ``side`` that of the black square in metres.
-        """
-        half = side / 2
+    def _tag(self) -> tuple[Find, NDArray[np.float64]]:
+        """Return what finds the corners of a tag, and these in metres."""
+        half = self.cell * (len(self.texture) / TEXELS - 2) / 2
         points = np.array(((-half, -half, 0), (half, -half, 0), (half, half, 0), (-half, half, 0)))
         parameters = cv2.aruco.DetectorParameters()
         parameters.cornerRefinementMethod = cv2.aruco.CORNER_REFINE_SUBPIX
-        detector = cv2.aruco.ArucoDetector(cv2.aruco.getPredefinedDictionary(name), parameters)
+        dictionary = cv2.aruco.getPredefinedDictionary(PATTERNS[self.pattern] or 0)
+        detector = cv2.aruco.ArucoDetector(dictionary, parameters)
 
         def corners(image: NDArray[np.uint8]) -> Any:
             found, ids, _ = detector.detectMarkers(image)
             return found[0] if ids is not None and ids.ravel().tolist() == [TAG_ID] else None
 
-        return self._ranges(corners, points, renderer)
+        return corners, points
 
-    def grid_ranges(self, spacing: float, renderer: CpuRenderer) -> tuple[float, float]:
-        """Return the distance of the centre of ``circles``, ``spacing`` metres apart, as ``tag_ranges``."""
+    def _circles(self) -> tuple[Find, NDArray[np.float64]]:
+        """Return what finds the centres of circles, and these in metres."""
         columns, rows = GRID
-        points = np.array([(i * spacing, j * spacing, 0.0) for j in range(rows) for i in range(columns)])
+        points = 2 * self.cell * np.array([(i, j, 0.0) for j in range(rows) for i in range(columns)])
         parameters = cv2.SimpleBlobDetector.Params()
         parameters.minArea, parameters.minDistBetweenBlobs = 15.0, 5.0
         detector = cv2.SimpleBlobDetector.create(parameters)
@@ -165,16 +173,7 @@ class View:
             found, pixels = cv2.findCirclesGrid(image, GRID, flags=flags, blobDetector=detector)
             return pixels if found else None
 
-        return self._ranges(centers, points - points.mean(axis=0), renderer)
-
-    def _ranges(
-        self, find: Callable[[NDArray[np.uint8]], Any], points: NDArray[np.float64], renderer: CpuRenderer
-    ) -> tuple[float, float]:
-        """Return the distances by the camera image and by the ideal image, in which ``find`` finds the points."""
-        found = [find(image) for image in (self.camera_image(renderer), self.ideal_image())]
-        assert all(pixels is not None for pixels in found), "the pattern is not found"
-        measured, ideal = (self.range(pixels, points) for pixels in found)
-        return measured, ideal
+        return centers, points - points.mean(axis=0)
 
 
 def circles() -> NDArray[np.uint8]:
@@ -190,17 +189,11 @@ def pattern_errors(
     pattern: str, distance: float, parts: tuple[RealismPart, ...], renderer: CpuRenderer
 ) -> NDArray[np.float64]:
     """Return the error of the range of a frontal pattern relative to its ideal image, per cent, for ``PLACEMENTS``."""
-    name = PATTERNS[pattern]
-    texture = circles() if name is None else tag_texture(name)
-    cell = TAG_SIDE / (2 * GRID[0] if name is None else texture.shape[0] / TEXELS - 2)
-    size = cell * texture.shape[1] / TEXELS, cell * texture.shape[0] / TEXELS
+    cell = TAG_SIDE / (2 * GRID[0] if PATTERNS[pattern] is None else len(texture_of(pattern)) / TEXELS - 2)
     errors = []
     for index in range(PLACEMENTS):
         turn = 0.02 * (index - PLACEMENTS / 2) / PLACEMENTS
         shift = (index + 0.5) / PLACEMENTS, index * 3 % PLACEMENTS / PLACEMENTS
-        view = View(texture, size, (0.0, 0.0, 0.02 + turn), distance, parts, shift)
-        measured, ideal = (
-            view.grid_ranges(2 * cell, renderer) if name is None else view.tag_ranges(name, TAG_SIDE, renderer)
-        )
+        measured, ideal = View(pattern, cell, (0.0, 0.0, 0.02 + turn), distance, parts, shift).ranges(renderer)
         errors.append(100.0 * (measured / ideal - 1.0))
     return np.array(errors)

@@ -10,23 +10,15 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from gateway.adapters.stereo.device.parameters import Parameters
-from gateway.adapters.stereo.device.stream_settings import StreamSettings, read_settings
 from gateway.adapters.stereo.imaging.rendered_images import ExposureMemory, choose_exposure
 from renderers.stereo.sensor.camera_image import NoiseStream, frame_key
 from renderers.stereo.sensor.exposure import AutoExposure, Exposure, auto_exposure
 from scenegate.camera import image_interface_pb2 as pb
 from tests.adapters.stereo.camera_images import light_of, sensor_image
-from tests.adapters.stereo.conftest import Camera, Start, nanoseconds, pixels
+from tests.adapters.stereo.conftest import Camera, Start, nanoseconds, pixels, settings
 from tests.adapters.stereo.scenes import dotted_wall
 
 KEY = frame_key(1, 1, NoiseStream.LEFT)
-
-
-def settings(**camera: object) -> StreamSettings:
-    parameters = Parameters()
-    parameters.set("rc_camera", camera.items())
-    return read_settings(parameters)
 
 
 def scene(level: float = 0.2) -> NDArray[np.float32]:

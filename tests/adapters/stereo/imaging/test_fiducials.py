@@ -4,16 +4,13 @@ from __future__ import annotations
 
 from typing import Final
 
-import cv2
 import numpy as np
 import pytest
 
 from renderers.raster import CpuRenderer
 from renderers.stereo.realism import RealismPart
-from tests.adapters.stereo.imaging.fiducials import PATTERNS, TEXELS, View, circles, pattern_errors, tag_texture
+from tests.adapters.stereo.imaging.fiducials import PATTERNS, View, pattern_errors
 
-CELL: Final = 0.01
-"""Side of a cell, metres."""
 POSES: Final = {
     "frontal": ((0.0, 0.0, 0.02), 1.0),
     "tilted": ((0.5, 0.3, 0.2), 1.0),
@@ -25,23 +22,18 @@ POSES: Final = {
 @pytest.mark.slow
 @pytest.mark.parametrize("pose", POSES)
 @pytest.mark.parametrize(
-    ("name", "parts"),
-    [(cv2.aruco.DICT_APRILTAG_36h11, ()), (cv2.aruco.DICT_APRILTAG_36h11, ("lens-blur",)), (cv2.aruco.DICT_4X4_50, ())],
+    ("pattern", "cell", "parts"),
+    [
+        ("AprilTag 36h11", 0.01, ()),
+        ("AprilTag 36h11", 0.01, ("lens-blur",)),
+        ("ArUco 4x4", 0.0125, ()),
+        ("circle grid", 0.01, ()),
+    ],
 )
-def test_ranges_of_tags_are_those_of_ideal_images(
-    renderer: CpuRenderer, name: int, pose: str, parts: tuple[RealismPart, ...]
+def test_ranges_of_patterns_are_those_of_ideal_images(
+    renderer: CpuRenderer, pattern: str, cell: float, pose: str, parts: tuple[RealismPart, ...]
 ) -> None:
-    texture, whole = tag_texture(name), 10 * CELL
-    side = whole * (1.0 - 2 * TEXELS / len(texture))
-    measured, ideal = View(texture, (whole, whole), *POSES[pose], parts).tag_ranges(name, side, renderer)
-    assert measured == pytest.approx(ideal, rel=1e-3)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("pose", POSES)
-def test_ranges_of_circle_grids_are_those_of_ideal_images(renderer: CpuRenderer, pose: str) -> None:
-    view = View(circles(), (11 * CELL, 9 * CELL), *POSES[pose])
-    measured, ideal = view.grid_ranges(2 * CELL, renderer)
+    measured, ideal = View(pattern, cell, *POSES[pose], parts).ranges(renderer)
     assert measured == pytest.approx(ideal, rel=1e-3)
 
 

@@ -9,21 +9,18 @@ import pytest
 from numpy.typing import NDArray
 
 from gateway.adapters.stereo.device.camera_config import StereoConfig
-from gateway.adapters.stereo.device.parameters import Parameters
 from gateway.adapters.stereo.device.profile import read_profile
-from gateway.adapters.stereo.device.stream_settings import read_settings
 from gateway.adapters.stereo.imaging.rendered_images import Imaging
 from gateway.adapters.stereo.imaging.scene_view import Capture, OtherProjector, SceneState
 from renderers.drawlist import AlphaMode, DrawList, Image, Instance, Material, Mesh, Texture
 from renderers.raster import CpuRenderer
-from renderers.stereo.depth.depth_images import DepthRange, true_disparity
 from renderers.stereo.depth.matching import fine_means, match_pair
 from renderers.stereo.light.projector import FULL_LIGHT, projected_dots, returned_shares
-from renderers.stereo.model import Quality
-from renderers.stereo.sensor.camera_image import NoiseStream, SceneLight, frame_key
+from renderers.stereo.sensor.camera_image import NoiseStream, frame_key
 from renderers.stereo.sensor.exposure import AutoExposure, Exposure, auto_exposure
 from tests.adapters.stereo.analytic import plane, sphere
 from tests.adapters.stereo.camera_images import expose, light_of, rendered_grey, sensor_image
+from tests.adapters.stereo.conftest import settings
 from tests.adapters.stereo.scenes import pose, table
 
 MODEL = read_profile("rc_visard_160c").model
@@ -209,16 +206,14 @@ def other_projector(x: float, angle: float, mode: str = "High", light: float = 2
     X[0, 0] = X[2, 2] = np.cos(angle)
     X[0, 2], X[2, 0] = np.sin(angle), -np.sin(angle)
     X[0, 3] = x
-    parameters = Parameters()
-    parameters.set("rc_iocontrol", [("out1_mode", mode)])
-    return OtherProjector(X, MODEL, light, read_settings(parameters))
+    return OtherProjector(X, MODEL, light, settings("rc_iocontrol", out1_mode=mode))
 
 
 def test_another_camera_at_the_same_place_has_the_light_of_the_own_projector(renderer: CpuRenderer) -> None:
     imaging = Imaging(StereoConfig(noise=False), renderer)
     own, other = Capture(0, table(), 1, pose(), 1), Capture(0, table(), 1, pose(), 0)
     other = replace(other, projectors=(replace(other_projector(0.0, 0.0), X_world_left=pose()),))
-    exposures = [imaging.meter(each, read_settings(Parameters())).exposure for each in (own, other)]
+    exposures = [imaging.meter(each, settings()).exposure for each in (own, other)]
     assert exposures[0].light == pytest.approx(exposures[1].light, rel=0.05)
     for stream in (NoiseStream.LEFT, NoiseStream.RIGHT):
         # Points at the edges are outside the other projector's field of view.
@@ -269,32 +264,10 @@ def test_light_of_another_projector_is_fixed_to_surfaces_and_casts_shadows(rende
 
 def test_projectors_of_other_cameras_are_seen_while_they_are_on() -> None:
     projectors = [other_projector(0.0, 0.0, mode) for mode in ("Low", "High", "ExposureAlternateActive")]
-    state, settings = SceneState(0, table(), pose(), projectors=tuple(projectors)), read_settings(Parameters())
-    camera, depth = (Capture.of_state(state, settings, 0, 1, depth=depth) for depth in (False, True))
+    state = SceneState(0, table(), pose(), projectors=tuple(projectors))
+    camera, depth = (Capture.of_state(state, settings(), 0, 1, depth=depth) for depth in (False, True))
     assert camera.projectors == (projectors[1],)
     assert depth.projectors == (projectors[1], projectors[2])
-
-
-@pytest.mark.parametrize("quality", [Quality.HIGH, Quality.MEDIUM, Quality.LOW])
-def test_matching_with_the_projector(quality: Quality) -> None:
-    k = MODEL.intrinsics(quality.divisor)
-    depths, images = [], []
-    for number, x in enumerate((0.0, MODEL.baseline)):
-        z = np.minimum(plane(k, x, 2.0, 0.3, 0.1), sphere(k, x, (0.1, 0.1, 1.2), 0.25))
-        dots = projected_dots(z, k.focal_length, k.cx, k.cy, x - MODEL.baseline / 2, np.full_like(z, np.inf))
-        key = frame_key(1, 1, NoiseStream(number + 1))
-        depths.append(z)
-        images.append(sensor_image(grey(160, z.shape), Exposure(), key, scene_light=SceneLight(dots, 2.0)).image)
-    true = true_disparity(depths[0], depths[1], k.focal_length * MODEL.baseline, DepthRange(0.4, 100))
-    left, right = (fine_means(image, 1, *image.shape) for image in images)
-    measured = match_pair(left, right, MODEL.disparity_count(quality.divisor, 0.1), 0.3, quality.divisor)
-    sure = (true > 0) & (measured.confidence >= 128)
-    assert sure.sum() / (true > 0).sum() > 0.95
-    error = np.abs(measured.disparity / 16 - true)
-    assert (error[sure] > 1).mean() < 0.01
-    # The confidence is a promise: that share lies within three standard deviations.
-    within = error <= 3 * measured.error / 16
-    assert within[sure].mean() == pytest.approx(measured.confidence[sure].mean() / 255, abs=0.05)
 
 
 def test_matching_a_blank_wall_is_invalid() -> None:

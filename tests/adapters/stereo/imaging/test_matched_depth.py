@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -9,8 +10,6 @@ import pytest
 from numpy.typing import NDArray
 
 from gateway.adapters.stereo.device.camera_config import StereoConfig
-from gateway.adapters.stereo.device.parameters import Parameters
-from gateway.adapters.stereo.device.stream_settings import StreamSettings, read_settings
 from gateway.adapters.stereo.imaging.matched_depth import matched_depth
 from renderers.interface import Parallel
 from renderers.stereo.depth.depth_images import DepthImages
@@ -18,6 +17,7 @@ from renderers.stereo.depth.matching import ImagePair
 from renderers.stereo.model import StereoModel
 from renderers.stereo.sensor.camera_image import SensorImage
 from renderers.stereo.sensor.exposure import Exposure
+from tests.adapters.stereo.conftest import settings as settings_of
 
 MODEL = StereoModel("small", 128, 97, 0.8449, 0.160)
 HEIGHT, WIDTH = 49, 64
@@ -51,10 +51,7 @@ class FakeMatcher:
         )
 
 
-def settings(**values: object) -> StreamSettings:
-    parameters = Parameters()
-    parameters.set("rc_stereomatching", {"seg": 0, "fill": 0, **values}.items())
-    return read_settings(parameters)
+settings = partial(settings_of, "rc_stereomatching", seg=0, fill=0)
 
 
 def pair(gain: float = 0.0) -> ImagePair:

@@ -17,9 +17,19 @@ from scenegate.messages.geometry import Box
 from tests.adapters.stereo.conftest import SMALL
 
 
-def view_of(tree: LiveTree) -> SceneView:
-    mount = Mount(tf.translation(9, 9, 9), ("head",))
+def view_of(tree: LiveTree, *path: str) -> SceneView:
+    mount = Mount(tf.translation(9, 9, 9) if not path else np.eye(4), path or ("head",))
     return SceneView(tree, Flattener(LabelTable()), mount)
+
+
+def move(tree: LiveTree, *position: float, path: tuple[str, ...] = ("head",)) -> None:
+    with tree.edit() as edit:
+        edit.set_matrix(path, tf.translation(*position))
+
+
+def position_of(view: SceneView) -> list[float]:
+    position: list[float] = view.state().X_world_left[:3, 3].tolist()
+    return position
 
 
 def test_scene_and_pose_are_of_one_time() -> None:
@@ -46,42 +56,37 @@ def test_a_missing_node_is_a_warning_and_the_last_pose_is_kept() -> None:
     tree = LiveTree()
     view = view_of(tree)
     assert "the stereo camera keeps its last pose" in view.warnings()[0]
-    assert view.state().X_world_left[:3, 3].tolist() == [9, 9, 9]
-    with tree.edit() as edit:
-        edit.set_matrix(("head",), tf.translation(1, 2, 3))
+    assert position_of(view) == [9, 9, 9]
+    move(tree, 1, 2, 3)
     assert view.warnings() == []
-    assert view.state().X_world_left[:3, 3].tolist() == [1, 2, 3]
+    assert position_of(view) == [1, 2, 3]
     with tree.edit() as edit:
         edit.delete(("head",))
-    assert view.state().X_world_left[:3, 3].tolist() == [1, 2, 3]
+    assert position_of(view) == [1, 2, 3]
     assert "no such node" in view.warnings()[0]
 
 
 def test_a_camera_on_an_inner_node_moves_with_its_ancestors() -> None:
     tree = LiveTree()
-    view = SceneView(tree, Flattener(LabelTable()), Mount(np.eye(4), ("robot", "head")))
-    with tree.edit() as edit:
-        edit.set_matrix(("robot", "head"), tf.translation(0, 0, 2))
+    view = view_of(tree, "robot", "head")
+    move(tree, 0, 0, 2, path=("robot", "head"))
     for x in (1, 5):
-        with tree.edit() as edit:
-            edit.set_matrix(("robot",), tf.translation(x, 0, 0))
-        assert view.state().X_world_left[:3, 3].tolist() == [x, 0, 2]
+        move(tree, x, 0, 0, path=("robot",))
+        assert position_of(view) == [x, 0, 2]
 
 
 def test_the_pose_of_an_earlier_time_is_not_the_last_one() -> None:
     now = 0
     tree = LiveTree(lambda: now)
-    with tree.edit() as edit:
-        edit.set_matrix(("head",), tf.translation(1, 2, 3))
+    move(tree, 1, 2, 3)
     view, earlier, now = view_of(tree), tree.snapshot, 5_000_000_000
-    with tree.edit() as edit:
-        edit.set_matrix(("head",), tf.translation(4, 5, 6))
-    assert view.state().X_world_left[:3, 3].tolist() == [4, 5, 6]
+    move(tree, 4, 5, 6)
+    assert position_of(view) == [4, 5, 6]
     with tree.edit() as edit:
         edit.delete(("head",))
     past = view.state_in(earlier, Flattener(LabelTable()))
     assert (past.X_world_left[:3, 3].tolist(), past.timestamp, past.revision) == ([1, 2, 3], 0, 1)
-    assert view.state().X_world_left[:3, 3].tolist() == [4, 5, 6]
+    assert position_of(view) == [4, 5, 6]
     assert "no such node" in view.warnings()[0]
 
 

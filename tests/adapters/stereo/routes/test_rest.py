@@ -171,14 +171,6 @@ async def test_services(rest_client: httpx.AsyncClient, camera: Camera) -> None:
     assert {s["name"] for s in listed} == {"acquisition_trigger", "reset_defaults"}
 
 
-async def test_system(rest_client: httpx.AsyncClient) -> None:
-    for version in ("v1", "v2"):
-        system = (await rest_client.get(f"/api/{version}/system")).json()
-        assert system["ready"] is True
-        assert len(system["firmware"]["active_image"]["image_version"].split(".")) == 3
-    assert list((await rest_client.get("/api/v2/pipelines")).json()) == ["0"]
-
-
 @pytest.mark.usefixtures("logs")
 async def test_log_of_the_camera(rest_client: httpx.AsyncClient, camera: Camera) -> None:
     before = (await rest_client.get("/api/v2/logs")).json()
@@ -215,12 +207,6 @@ async def test_global_nodes_pipelines_and_time(rest_client: httpx.AsyncClient) -
     now = (await rest_client.get("/api/v2/system/time")).json()["utc"]
     shown = datetime.strptime(now, "%Y-%m-%d %H:%M:%S").replace(tzinfo=UTC)
     assert abs(shown.timestamp() - time.time()) < 60
-
-
-async def test_both_spellings_of_alternate_exposure(rest_client: httpx.AsyncClient) -> None:
-    for name in ("AlternateExposureActive", "ExposureAlternateActive"):
-        response = await rest_client.put(f"{V2}/rc_iocontrol/parameters/out1_mode", json={"value": name})
-        assert response.json()["value"] == "ExposureAlternateActive"
 
 
 async def test_parameters_act_on_the_stream(rest_client: httpx.AsyncClient, camera: Camera) -> None:

@@ -8,17 +8,17 @@ from dataclasses import replace
 import pytest
 
 from gateway.adapters.stereo.device.camera_config import Rate
-from gateway.adapters.stereo.device.parameters import Parameters
-from gateway.adapters.stereo.device.stream_settings import StreamSettings, read_settings
+from gateway.adapters.stereo.device.stream_settings import StreamSettings
 from gateway.adapters.stereo.device.timestamps import NANOSECONDS_PER_SECOND
 from gateway.adapters.stereo.stream import frame_scheduler
 from gateway.adapters.stereo.stream.frame_scheduler import FrameClock
 from renderers.stereo.model import Quality
 from renderers.stereo.sensor.exposure import Exposure
+from tests.adapters.stereo.conftest import settings
 
 PERIOD = 40_000_000
 """Nanoseconds, 25 Hz."""
-SETTINGS = replace(read_settings(Parameters()), quality=Quality.MEDIUM)
+SETTINGS = replace(settings(), quality=Quality.MEDIUM)
 """Depth at 15 Hz."""
 AT_4_HZ = replace(SETTINGS, fps=4.0)
 INSTANT = replace(SETTINGS, auto_exposure=None, manual_exposure=Exposure(0.0))
@@ -112,9 +112,7 @@ def test_frames_before_the_end_of_a_wait_for_depth_are_not_missed(
 
 
 def test_the_rate_of_camera_images_may_change_during_a_wait_for_depth(source: FixedTime) -> None:
-    parameters = Parameters()
-    parameters.set("rc_camera", [("fps", 5.0)])
-    slow = replace(read_settings(parameters), quality=Quality.FULL)
+    slow = replace(settings(fps=5.0), quality=Quality.FULL)
     clock = clock_at()
     clock.advance_to_due_frame(slow, 8.0)
     source.now = 8 * NANOSECONDS_PER_SECOND
@@ -126,14 +124,14 @@ def test_the_rate_of_camera_images_may_change_during_a_wait_for_depth(source: Fi
 
 @pytest.mark.parametrize("late", [0.0, 0.0625, 0.1875, 0.5, 0.75])
 def test_timestamps_do_not_depend_on_lateness(late: float, source: FixedTime) -> None:
-    settings = replace(INSTANT, manual_exposure=Exposure(0.015625))
+    with_exposure = replace(INSTANT, manual_exposure=Exposure(0.015625))
     clock = clock_at()
     clock.advance_to_due_frame(AT_4_HZ, 8.0)
     clock.advance_to_due_frame(AT_4_HZ, 8.25 + late)
     for delay in (0.0, 0.03125):  # until the timestamp is needed
         now = 8.25 + late + delay
         source.now = round(now * NANOSECONDS_PER_SECOND)
-        timestamp = clock.next_timestamp(settings, now)
+        timestamp = clock.next_timestamp(with_exposure, now)
         assert (timestamp / NANOSECONDS_PER_SECOND + 0.0078125) % 0.25 == 0.0, "the exposure ends when it is due"
 
 
@@ -161,18 +159,12 @@ def test_depth_is_due_within_half_a_period(source: FixedTime) -> None:
         assert depth_due_at(clock, source, now) == due, now
 
 
-def test_depth_is_due_when_the_system_clock_was_set_back(source: FixedTime) -> None:
+def test_depth_is_due_and_keeps_its_rate_when_the_system_clock_was_set_back(source: FixedTime) -> None:
     clock = clock_at()
     clock.schedule_next_depth(DEPTH_AT_10_HZ, 10 * NANOSECONDS_PER_SECOND)
     far = round(10.1 * NANOSECONDS_PER_SECOND - 2e9 / SETTINGS.depth_rate)
     for now, due in ((far + 1, False), (far - 1, True)):
         assert depth_due_at(clock, source, now) == due, now
-
-
-def test_depth_keeps_its_rate_after_the_system_clock_was_set_back(source: FixedTime) -> None:
-    clock = clock_at()
-    clock.schedule_next_depth(SETTINGS, 3600 * NANOSECONDS_PER_SECOND)
-    assert depth_due_at(clock, source, 5 * NANOSECONDS_PER_SECOND)
     clock.schedule_next_depth(SETTINGS, 5 * NANOSECONDS_PER_SECOND)
     assert not depth_due_at(clock, source, 5 * NANOSECONDS_PER_SECOND + PERIOD)
 
@@ -186,22 +178,17 @@ def test_depth_in_single_frame_mode_needs_the_trigger() -> None:
     assert clock.depth_due(SETTINGS, 8.0, None), "rate max"
 
 
-@pytest.mark.parametrize(("second", "third"), [(110_000_000, 200_000_000), (200_000_000, 200_000_000)])
-def test_depth_keeps_its_beat(second: int, third: int, source: FixedTime) -> None:
+@pytest.mark.parametrize(
+    ("second", "third"), [(110_000_000, 200_000_000), (200_000_000, 200_000_000), (200_000_001, 300_000_001)]
+)
+def test_depth_keeps_its_beat_and_restarts_after_a_gap(second: int, third: int, source: FixedTime) -> None:
     clock = clock_at()
     clock.schedule_next_depth(DEPTH_AT_10_HZ, 0)
     clock.schedule_next_depth(DEPTH_AT_10_HZ, second)
     assert not depth_due_at(clock, source, third - PERIOD // 2 - 1)
     assert depth_due_at(clock, source, third - PERIOD // 2)
-
-
-def test_depth_restarts_after_a_gap(source: FixedTime) -> None:
-    clock = clock_at()
-    clock.schedule_next_depth(DEPTH_AT_10_HZ, 0)
-    clock.schedule_next_depth(DEPTH_AT_10_HZ, 200_000_001)
-    assert not depth_due_at(clock, source, 300_000_000 - PERIOD // 2)
     clock.stop_schedule()
-    assert depth_due_at(clock, source, 300_000_000 - PERIOD // 2)
+    assert depth_due_at(clock, source, third - PERIOD // 2 - 1)
 
 
 def test_simulated_time_advances_with_frames() -> None:
