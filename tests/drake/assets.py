@@ -91,7 +91,7 @@ class Gltf:
         references = {name: self._accessor(values.astype(np.float32)) for name, values in attributes.items()}
         primitive = {
             "attributes": references,
-            "indices": self._accessor(indices.astype(np.uint16).reshape(-1, 1)),
+            "indices": self._accessor(indices.astype(np.min_scalar_type(max(indices.max(), 256))).reshape(-1, 1)),
             **({} if material is None else {"material": material}),
         }
         return self._add("meshes", {"primitives": [primitive]})
@@ -117,7 +117,7 @@ class Gltf:
         buffer = self._add("buffers", {"byteLength": len(data), "uri": uri})
         view = self._add("bufferViews", {"buffer": buffer, "byteLength": len(data)})
         kind = {1: "SCALAR", 2: "VEC2", 3: "VEC3", 4: "VEC4"}[values.shape[1]]
-        component = 5123 if values.dtype == np.uint16 else 5126
+        component = {np.dtype(np.uint16): 5123, np.dtype(np.uint32): 5125}.get(values.dtype, 5126)
         entry = {"bufferView": view, "componentType": component, "count": len(values), "type": kind}
         if values.dtype == np.float32:
             entry |= {"min": values.min(0).tolist(), "max": values.max(0).tolist()}

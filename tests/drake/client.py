@@ -1,16 +1,15 @@
 """Run by an interpreter that has pydrake: renders through a running gateway and through RenderEngineVtk, compares.
 
-    python client.py BASE_URL            compares all views
-    python client.py BASE_URL CAMERA     renders one camera again and again
-    python client.py BASE_URL slow       renders 50,000 triangles that each fill the picture; prints the exception
+    python -m tests.drake.client BASE_URL            compares all views
+    python -m tests.drake.client BASE_URL CAMERA     renders one camera again and again
+    python -m tests.drake.client BASE_URL slow       renders 50,000 triangles that each fill the picture; prints the
+                                                     exception
 
-Prints one JSON document. Needs nothing of this project, so that it is Drake's client alone that speaks to the gateway.
+Prints one JSON document.
 """
 
-import base64
 import hashlib
 import json
-import struct
 import sys
 import tempfile
 from pathlib import Path
@@ -40,63 +39,24 @@ from pydrake.geometry import (
     SceneGraph,
     Sphere,
 )
-from pydrake.math import RigidTransform, RollPitchYaw, RotationMatrix
+from pydrake.math import RigidTransform, RollPitchYaw
 from pydrake.systems.sensors import CameraInfo
 
-OBJ = """\
-mtllib quad.mtl
-v -0.1 -0.1 0
-v 0.1 -0.1 0
-v 0.1 0.1 0
-v -0.1 0.1 0
-vt 0 0
-vt 1 0
-vt 1 1
-vt 0 1
-vn 0 0 1
-usemtl painted
-f 1/1/1 2/2/1 3/3/1
-f 1/1/1 3/3/1 4/4/1
-"""
-MTL = "newmtl painted\nKd 0.9 0.4 0.1\n"
+from tests.drake.assets import Gltf, quad, write_obj
+from tests.drake.scenes import looking_at
 
 
-def triangle_gltf() -> str:
-    """A glTF file of one triangle, everything embedded."""
-    positions = np.array([[-0.2, 0, 0], [0.2, 0, 0], [0, 0.3, 0]], np.float32).tobytes()
-    indices = struct.pack("<3H", 0, 1, 2)
-    uri = "data:application/octet-stream;base64," + base64.b64encode(positions + indices).decode()
-    return json.dumps(
-        {
-            "asset": {"version": "2.0"},
-            "scene": 0,
-            "scenes": [{"nodes": [0]}],
-            "nodes": [{"mesh": 0, "name": "triangle"}],
-            "meshes": [{"primitives": [{"attributes": {"POSITION": 0}, "indices": 1, "material": 0}]}],
-            "materials": [
-                {
-                    "doubleSided": True,
-                    "pbrMetallicRoughness": {"baseColorFactor": [0.2, 0.7, 0.3, 1], "metallicFactor": 0},
-                }
-            ],
-            "buffers": [{"byteLength": 42, "uri": uri}],
-            "bufferViews": [
-                {"buffer": 0, "byteOffset": 0, "byteLength": 36},
-                {"buffer": 0, "byteOffset": 36, "byteLength": 6},
-            ],
-            "accessors": [
-                {
-                    "bufferView": 0,
-                    "componentType": 5126,
-                    "count": 3,
-                    "type": "VEC3",
-                    "min": [-0.2, 0, 0],
-                    "max": [0.2, 0.3, 0],
-                },
-                {"bufferView": 1, "componentType": 5123, "count": 3, "type": "SCALAR"},
-            ],
-        }
-    )
+def gltf_of(positions: np.ndarray, path: Path) -> str:
+    """Write a glTF file of triangles, (3 N, 3), and return its path."""
+    document = Gltf()
+    attributes = {"POSITION": positions}
+    material = document.matte([0.2, 0.7, 0.3, 1], doubleSided=True)
+    document.node(document.mesh(attributes, np.arange(len(positions)), material))
+    return str(document.write(path))
+
+
+def triangle_gltf(folder: Path) -> str:
+    return gltf_of(np.array([[-0.2, 0, 0], [0.2, 0, 0], [0, 0.3, 0]]), folder / "triangle.gltf")
 
 
 def properties(label: int, rgba: list[float] | None) -> PerceptionProperties:
@@ -108,11 +68,10 @@ def properties(label: int, rgba: list[float] | None) -> PerceptionProperties:
 
 
 def primitives(folder: Path) -> list[tuple[object, RigidTransform, PerceptionProperties]]:
-    (folder / "quad.obj").write_text(OBJ)
-    (folder / "quad.mtl").write_text(MTL)
+    quad_obj = write_obj(folder / "quad.obj", *quad(0.2, 0.2), "Kd 0.9 0.4 0.1")
     box = RigidTransform(RollPitchYaw(0.2, 0.3, 0.4), [0.0, 0.0, 0.0])
     cylinder = RigidTransform(RollPitchYaw(1.0, 0, 0), [-0.25, 0.0, 0])
-    quad = RigidTransform(RollPitchYaw(0.5, 0, 0), [0.3, 0.3, 0.1])
+    tilted = RigidTransform(RollPitchYaw(0.5, 0, 0), [0.3, 0.3, 0.1])
     return [
         (HalfSpace(), RigidTransform([0, 0, -0.15]), properties(10, [0.6, 0.6, 0.55, 1])),
         (Box(0.2, 0.15, 0.1), box, properties(1, [1, 0.2, 0.2, 1])),
@@ -120,7 +79,7 @@ def primitives(folder: Path) -> list[tuple[object, RigidTransform, PerceptionPro
         (Cylinder(0.05, 0.2), cylinder, properties(3, [0.2, 0.2, 1, 1])),
         (Capsule(0.05, 0.15), RigidTransform([0.0, 0.25, 0.0]), properties(300, [1, 1, 0.2, 1])),
         (Ellipsoid(0.1, 0.05, 0.07), RigidTransform([0.0, -0.25, 0.0]), properties(4660, [0.2, 1, 1, 1])),
-        (Mesh(str(folder / "quad.obj"), 1.0), quad, properties(7, None)),
+        (Mesh(str(quad_obj), 1.0), tilted, properties(7, None)),
     ]
 
 
@@ -140,28 +99,19 @@ def build(shapes: list[Any], base_url: str) -> SceneGraph:
     return scene_graph
 
 
-def slow_gltf() -> str:
-    """A glTF file of 50,000 triangles, each larger than what the camera "above" sees, each in front of the last."""
+def refusal(folder: Path, base_url: str) -> str:
+    """Return the message of the error that Drake raises for an image that takes too long; empty if it was rendered.
+
+    Each of the triangles is larger than what the camera "above" sees, and in front of the last.
+    """
     count = 50_000
     corners = np.array([[-8, -8, 0], [24, -8, 0], [-8, 24, 0]], np.float32)
     positions = np.repeat(corners[None], count, axis=0)
     positions[:, :, 2] = np.linspace(0.0, 0.5, count)[:, None]
-    document = json.loads(triangle_gltf())
-    uri = "data:application/octet-stream;base64," + base64.b64encode(positions.tobytes()).decode()
-    document["buffers"] = [{"byteLength": positions.nbytes, "uri": uri}]
-    document["bufferViews"] = [{"buffer": 0, "byteLength": positions.nbytes}]
-    accessor = {"bufferView": 0, "componentType": 5126, "count": 3 * count, "type": "VEC3"}
-    document["accessors"] = [{**accessor, "min": [-8, -8, 0], "max": [24, 24, 0.5]}]
-    document["meshes"] = [{"primitives": [{"attributes": {"POSITION": 0}, "material": 0}]}]
-    return json.dumps(document)
-
-
-def refusal(folder: Path, base_url: str) -> str:
-    """Return the message of the error that Drake raises for an image that takes too long; empty if it was rendered."""
-    (folder / "slow.gltf").write_text(slow_gltf())
+    slow = gltf_of(positions.reshape(-1, 3), folder / "slow.gltf")
     upright = RigidTransform(RollPitchYaw(-np.pi / 2, 0, 0), [0, 0, 0])  # Drake turns glTF's Y to its own Z
     shapes = [
-        (Mesh(str(folder / "slow.gltf"), 1.0), upright, properties(9, None)),
+        (Mesh(slow, 1.0), upright, properties(9, None)),
         (Box(0.2, 0.15, 0.1), RigidTransform([0, 0, -1]), properties(1, [1, 0.2, 0.2, 1])),
     ]
     scene_graph = build(shapes, base_url)
@@ -171,14 +121,6 @@ def refusal(folder: Path, base_url: str) -> str:
     except RuntimeError as error:
         return str(error)
     return ""
-
-
-def looking_at(eye: list[float], target: list[float]) -> RigidTransform:
-    forward = np.array(target, float) - eye
-    forward /= np.linalg.norm(forward)
-    right = np.cross(forward, [0, 0, 1.0])
-    right /= np.linalg.norm(right)
-    return RigidTransform(RotationMatrix(np.column_stack([right, np.cross(forward, right), forward])), eye)
 
 
 CAMERAS = {
@@ -235,15 +177,14 @@ def main() -> None:
         for look in ("phong", "pbr"):
             shapes = primitives(folder)
             if look == "pbr":
-                (folder / "triangle.gltf").write_text(triangle_gltf())
                 pose = RigidTransform(RollPitchYaw(0.3, 0.2, 0), [0, 0, 0.3])
-                shapes.append((Mesh(str(folder / "triangle.gltf"), 1.0), pose, properties(9, None)))
+                shapes.append((Mesh(triangle_gltf(folder), 1.0), pose, properties(9, None)))
             scene_graph = build(shapes, base_url)
             query = scene_graph.get_query_output_port().Eval(scene_graph.CreateDefaultContext())
             for camera in ("front", "offcentre"):
                 ours, vtk = (render(query, engine, camera) for engine in ("gateway", "vtk"))
                 results["comparisons"][f"{look}/{camera}"] = compare(ours, vtk)
-        only = [(Mesh(str(folder / "triangle.gltf"), 1.0), RigidTransform(), properties(9, None))]
+        only = [(Mesh(triangle_gltf(folder), 1.0), RigidTransform(), properties(9, None))]
         scene_graph = build(only, base_url)
         query = scene_graph.get_query_output_port().Eval(scene_graph.CreateDefaultContext())
         try:

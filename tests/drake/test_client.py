@@ -37,8 +37,9 @@ def url(python: str) -> Iterator[str]:
 
 
 def start(python: str, *arguments: str) -> subprocess.Popen[str]:
-    command = [python, str(Path(__file__).with_name("client.py")), *arguments]
-    return subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    command = [python, "-m", "tests.drake.client", *arguments]
+    root = Path(__file__).parents[2]
+    return subprocess.Popen(command, cwd=root, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
 
 
 def printed(client: subprocess.Popen[str]) -> Any:

@@ -71,16 +71,6 @@ def test_a_signal_before_the_server_runs_is_exit_code_0() -> None:
         process.kill()
 
 
-@pytest.mark.slow
-def test_a_signal_during_the_start_ends_it_too() -> None:
-    process = GatewayProcess("--http-port", "0", env={"NUMBA_CACHE_DIR": "", "SCENEGATE_CACHE_DIR": os.devnull})
-    try:
-        process.wait_for("Compiling")
-        assert process.stop() == 0
-    finally:
-        process.kill()
-
-
 def test_a_taken_port_is_one_sentence() -> None:
     with socket.create_server(("127.0.0.1", 0)) as taken:
         port = taken.getsockname()[1]

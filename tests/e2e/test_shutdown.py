@@ -10,6 +10,7 @@ import pytest
 
 from scenegate.camera import image_interface_pb2 as pb
 from tests.support import clients, forms
+from tests.support.clients import figures
 from tests.support.gateway_process import GatewayProcess, gateway_process
 from tests.support.ports import free_ports
 from tests.support.waiting import SECONDS
@@ -27,12 +28,6 @@ def post(url: str) -> httpx2.Response:
     content = forms.body(forms.gltf(), fields)
     with clients.Client() as http:
         return http.post(f"{url}/render", content=content, headers={"Content-Type": forms.CONTENT_TYPE})
-
-
-def figures(url: str) -> dict[str, float]:
-    """Return the metrics, by name and labels."""
-    lines = clients.get(f"{url}/metrics").text.splitlines()
-    return {name: float(value) for name, _, value in (line.rpartition(" ") for line in lines) if name[:1] != "#"}
 
 
 def accepted(pool: ThreadPoolExecutor, url: str, count: int) -> list[Future[httpx2.Response]]:

@@ -106,8 +106,11 @@ def test_sigterm_ends_all_processes(name: str, tmp_path: Path) -> None:
         reach(process)
         children = [*_descendants(process.process.pid)]
         assert process.stop() in (0, -signal.SIGTERM if reach is at_once else 0)
+        log = process.rest_of_log()
         if reach is not at_once:
-            assert process.rest_of_log()[-1]["event"] == STOPPED
+            assert log[-1]["event"] == STOPPED
+        if reach is hung:
+            assert len([entry for entry in log if "not ended in time" in entry["event"]]) == 1
         wait_until(lambda: not any(Path(f"/proc/{pid}").exists() for pid in children))
     finally:
         process.kill()

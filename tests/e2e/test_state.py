@@ -65,19 +65,8 @@ def test_tree_and_parameters_survive_kill_9_and_a_restart(tmp_path: Path) -> Non
 
 
 @pytest.mark.slow
-def test_demo_is_not_stored(tmp_path: Path) -> None:
-    state = tmp_path / "gateway.state"
-    with gateway_process(*FLAGS, "--demo", "--state", str(state)) as (process, url):
-        send(url, {"setgeometry": [{"path": ["box"], "geometry": BOX}]})
-        assert process.stop() == 0
-    connection = sqlite3.connect(state)
-    assert connection.execute("SELECT count(*) FROM tree_node").fetchone() == (2,)
-    connection.close()
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(("flags", "nodes"), [((), 2), (("--no-drake-viewer",), 4)])
-def test_what_drake_publishes_is_not_stored(tmp_path: Path, flags: tuple[str, ...], nodes: int) -> None:
+@pytest.mark.parametrize(("flags", "nodes"), [((), 2), (("--demo",), 2), (("--no-drake-viewer",), 4)])
+def test_the_demo_and_what_drake_publishes_are_not_stored(tmp_path: Path, flags: tuple[str, ...], nodes: int) -> None:
     state = tmp_path / "gateway.state"
     arrow = {"path": ["drake", "contacts"], "geometry": BOX}
     with gateway_process(*FLAGS, *flags, "--state", str(state)) as (process, url):

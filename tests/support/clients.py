@@ -14,3 +14,9 @@ put = partial(httpx2.put, timeout=SECONDS)
 # Without pings: a server that cannot answer them within 20 s is slow, not gone. Closing has its own 10 s, at whose end
 # nothing fails.
 websocket = partial(connect, open_timeout=SECONDS, ping_interval=None)
+
+
+def figures(url: str) -> dict[str, float]:
+    """Return all metrics of a gateway, by name and labels."""
+    lines = get(f"{url}/metrics").text.splitlines()
+    return {name: float(value) for name, _, value in (line.rpartition(" ") for line in lines) if name[:1] != "#"}

@@ -46,15 +46,11 @@ def test_heads_point_outwards(viewer: Viewer) -> None:
     np.testing.assert_allclose((low[0], high[0]), (-0.004, 0.004), atol=1e-4)
 
 
-def test_several_contacts_of_two_bodies(viewer: Viewer) -> None:
-    points = [point_contact("a", "b", (x, 0, 0), (0, 0, 1)) for x in (0, 1)]
-    viewer.handle(CHANNEL, contacts(points))
-    assert len(viewer.node("contacts", "point", "a+b").parts or ()) == 6
-
-
 def test_contacts_that_end_disappear(viewer: Viewer) -> None:
-    viewer.handle(CHANNEL, contacts([point_contact("a", "b", (0, 0, 0), (0, 0, 1))], [surface_contact()]))
+    points = [point_contact("a", "b", (x, 0, 0), (0, 0, 1)) for x in (0, 1)]
+    viewer.handle(CHANNEL, contacts(points, [surface_contact()]))
     assert len(viewer.paths()) == 2
+    assert len(viewer.node("contacts", "point", "a+b").parts or ()) == 6
     viewer.handle(CHANNEL, contacts([point_contact("a", "c", (0, 0, 0), (0, 0, 1))]))
     assert viewer.paths() == [("drake", "contacts", "point", "a+c")]
     viewer.handle(CHANNEL, contacts())
@@ -76,10 +72,10 @@ def test_contacts_that_are_not_finite(viewer: Viewer, x: float) -> None:
     ]
     points.append(point_contact("a", "c", (0, 0, 0), (1, 0, 0)))
     problem = viewer.problem(CHANNEL, contacts(points))
-    assert problem == "2 of 3 point contacts are not finite; they have no arrow"
+    assert problem.startswith("2 of 3 point contacts")
     assert viewer.paths() == [("drake", "contacts", "point", "a+c")]
     problem = viewer.problem(CHANNEL, contacts(surfaces=[surface_contact(force=(x, 0, 0), moment=(0, 1, 0))]))
-    assert problem == "1 of 2 forces and moments of contact surfaces are not finite; they have no arrow"
+    assert problem.startswith("1 of 2 forces and moments")
     parts = viewer.node("contacts", "hydroelastic", "body1+body2").parts or ()
     assert [part.kind for part in parts] == ["arrow", "arrow", "contact_surface"]
 
@@ -135,7 +131,7 @@ def test_a_damaged_surface_leaves_the_arrows(viewer: Viewer, polygons: tuple[int
 def test_vertices_that_are_not_finite_in_float32(viewer: Viewer, x: float) -> None:
     vertices = ((0, 0, 0), (1, 0, 0), (1, 1, 0), (x, 1, 0))
     problem = viewer.problem(CHANNEL, contacts(surfaces=[surface_contact(vertices=vertices)]))
-    assert problem == "1 vertices are not finite; their triangles are not drawn"
+    assert problem.startswith("1 vertices are not finite")
     part = (viewer.node("contacts", "hydroelastic", "body1+body2").parts or ())[-1]
     assert isinstance(part.shape, Surface)
     assert part.shape.mesh.elements.tolist() == [[0, 1, 2]]

@@ -10,17 +10,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from gateway.adapters.drakeviewer.channels import PREFIXES
 from gateway.adapters.drakeviewer.contacts import NEWTONS_PER_METRE
-from gateway.adapters.drakeviewer.service import DrakeViewerService
-from gateway.adapters.treeviewer.config import TreeViewerConfig
-from gateway.adapters.treeviewer.service import TreeViewerService
-from gateway.files.assets.mesh_files import MeshFiles
-from gateway.runtime.lcm.config import LcmConfig
-from gateway.runtime.lcm.listener import ChannelListener
 from gateway.scene.tree.geometry import PointCloud, Surface
-from gateway.scene.tree.live import LiveTree
 from gateway.scene.tree.nodes import Node
+from tests.adapters.drakeviewer.test_service import hub_of, running
 from tests.support import clients
 from tests.support.gateway_process import gateway_process
 from tests.support.waiting import SECONDS, until, wait_until
@@ -52,24 +45,21 @@ class Seen:
 
 
 async def simulated(python: str) -> Seen:
-    live = LiveTree()
-    drake = DrakeViewerService(live, MeshFiles(()))
-    listener = ChannelListener(PREFIXES, drake.receive)
-    tree = TreeViewerService(TreeViewerConfig(lcm=LcmConfig(url="off", tcpq_port=0)), live, listeners=[listener])
-    tasks = [asyncio.create_task(service.run()) for service in (drake, tree)]
-    await tree.wait_ready()
-    command = [python, str(PUBLISHER), f"tcpq://127.0.0.1:{tree.tcpq_port}"]
-    done = await asyncio.to_thread(
-        subprocess.run, command, capture_output=True, text=True, timeout=SECONDS, check=False
-    )
-    assert done.returncode == 0, done.stderr
-    # The publisher's last message is of a channel that is not shown; those before it may still be read in a thread.
-    await until(lambda: drake.status().get("unshown_channels"))
-    await until(lambda: not live.unapplied_arrivals)
-    for task in tasks:
-        task.cancel()
-    await asyncio.gather(*tasks, return_exceptions=True)
-    return Seen(live.snapshot.root, json.loads(done.stdout.splitlines()[-1]), drake.status())
+    async with running() as found, hub_of(found) as url:
+        done = await asyncio.to_thread(
+            subprocess.run,
+            [python, str(PUBLISHER), url],
+            capture_output=True,
+            text=True,
+            timeout=SECONDS,
+            check=False,
+        )
+        assert done.returncode == 0, done.stderr
+        # The publisher's last message is of a channel that is not shown; those before it may still be read in a thread.
+        await until(lambda: found.service.status().get("unshown_channels"))
+        await until(lambda: not found.live.unapplied_arrivals)
+        root, status = found.live.snapshot.root, found.service.status()
+    return Seen(root, json.loads(done.stdout.splitlines()[-1]), status)
 
 
 @pytest.fixture(scope="module", params=VERSIONS)

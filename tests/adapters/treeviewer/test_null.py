@@ -67,19 +67,3 @@ def test_null_is_nan(count: int, binary: bool) -> None:
     assert len(found) == len(expected) > 5
     for ours, theirs in zip(found, expected, strict=True):
         np.testing.assert_array_equal(ours, theirs)
-
-
-@pytest.mark.parametrize("count", COUNTS)
-@pytest.mark.parametrize("word", ["nul", "nulll", "-null", "Null", '"null"', "nuln"])
-def test_other_words_are_no_numbers(count: int, word: str) -> None:
-    viewer = Viewer()
-    points = f"[{', '.join(['[1, 2, 3]'] * (count - 1))}, [{word}, 0, 0]]"
-    text = f'{{"setgeometry": [{{"path": ["it"], "geometry": {{"type": "line", "points": {points}}}}}]}}'
-    answer = viewer.tell(text)
-    assert answer["status"] < 0
-
-
-def test_null_is_no_index() -> None:
-    viewer = Viewer()
-    answer = viewer.publish({"type": "mesh_data", "vertices": [[0, 0, 0]] * 3, "faces": [[0, 1, None]]})
-    assert "geometry.faces has nan in row 0, but there are 3 vertices" in str(answer)

@@ -47,6 +47,7 @@ def test_extracted_arrays_equal_pythons_json(rows: list[tuple[float, float, floa
 
 GOOD = ["0", "-0", "0.5", "1e5", "1E+5", "1e-400", "12345678901234567890123", "NaN", "-Infinity"]
 BAD = ["01", "-", "+1", ".5", "1.", "1e", "1e+", "--1", "1-1", "Nan", "-NaN", "Inf", "1 2", "e", "[1]"]
+BAD += ["nul", "nulll", "-null", "Null", '"null"', "nuln"]
 
 
 @pytest.mark.parametrize("number", GOOD + BAD)

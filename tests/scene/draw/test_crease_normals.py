@@ -67,8 +67,7 @@ def test_corners_of_a_vertex_with_too_many_faces_are_flat(count: int, is_flat: b
 def test_degenerate_triangles_and_none_at_all() -> None:
     points = np.array([(0, 0, 0), (1, 0, 0), (2, 0, 0)], np.float32)
     mesh = with_creases(points, np.array([(0, 1, 2), (0, 0, 0)], np.uint32))
-    assert mesh.normals is not None
-    assert np.isfinite(mesh.normals).all()
+    np.testing.assert_allclose(np.linalg.norm(mesh.normals, axis=1), 1.0, atol=1e-6)
     assert len(with_creases(points, np.zeros((0, 3), np.uint32)).elements) == 0
 
 
@@ -115,19 +114,6 @@ def test_the_stop_flag_ends_the_kernel() -> None:
     flag.set(TimeoutError("late"))
     with pytest.raises(TimeoutError, match="late"):
         flag.run(lambda: smooth_mesh(np.zeros((3, 3), np.float32), np.array([(0, 1, 2)], np.uint32)))
-
-
-def test_normals_of_many_and_of_flat_faces_are_unit_vectors() -> None:
-    count = 600
-    angle = np.linspace(0, 2 * np.pi, count, endpoint=False)
-    rim = np.stack((np.cos(angle), np.sin(angle), 0.01 * np.cos(9 * angle)), axis=1)
-    positions = np.concatenate((np.zeros((1, 3)), rim, np.zeros((1, 3)))).astype(np.float32)
-    index = np.arange(count, dtype=np.uint32)
-    fan = np.stack((np.zeros_like(index), index + 1, (index + 1) % count + 1), axis=1).astype(np.uint32)
-    faces = np.concatenate((fan, np.array([[0, 0, 0], [0, count + 1, 1]], np.uint32)))
-    placed, elements, normals = smooth_mesh(positions, faces)
-    np.testing.assert_allclose(np.linalg.norm(normals, axis=1), 1, atol=1e-6)
-    np.testing.assert_array_equal(placed[elements], positions[faces])
 
 
 def test_without_creases_normals_are_summed_by_area_per_vertex_index() -> None:

@@ -11,7 +11,7 @@ from gateway.scene.draw.meshing import meshes_of
 from gateway.scene.tree import transforms as tf
 from gateway.scene.tree.geometry import Line, Part, Surface
 from gateway.scene.tree.labels import MAX_LABELS, LabelTable
-from gateway.scene.tree.live import LiveTree, Snapshot
+from gateway.scene.tree.live import LiveTree
 from gateway.scene.tree.materials import faded
 from gateway.scene.tree.nodes import Node, Path, TreeEdit
 from renderers import primitives
@@ -174,20 +174,6 @@ def test_unchanged_instances_are_the_same_objects() -> None:
     np.testing.assert_array_equal(first.instances[7].X_world_mesh[:3, 3], (0, 0, 0))
 
 
-def test_labels_stay_with_the_path_when_the_tree_changes() -> None:
-    live = scene(3)
-    labels = LabelTable()
-    flattener = Flattener(labels)
-    before = [instance.label for instance in flattener.flatten(live.snapshot).instances]
-    with live.edit() as edit:
-        edit.delete(("group", 0))
-        edit.set_parts(("new",), (SHAPES[0],))
-    after = flattener.flatten(live.snapshot).instances
-    assert [instance.label for instance in after][:2] == before[1:]
-    assert [labels.path_of(i.label) for i in after] == [("group", 1), ("group", 2), ("new",)]
-    assert [instance.instance_id for instance in after] == [0, 1, 2]
-
-
 def test_without_labels_everything_is_unlabelled() -> None:
     assert {i.label for i in flatten(scene(2).snapshot.root).instances} == {LABEL_NONE}
 
@@ -260,16 +246,3 @@ def test_lights_beyond_the_limit_are_left_out_with_a_warning() -> None:
         lights = flattener.flatten(live.snapshot).lights
         assert [light.position[0] for light in lights] == [*range(MAX_LIGHTS)]
         assert bool(flattener.warning()) == warns
-
-
-def test_an_empty_or_hidden_tree_draws_nothing() -> None:
-    assert flatten(Node()).instances == ()
-    live = scene(3)
-    flattener = Flattener(LabelTable())
-    assert len(flattener.flatten(live.snapshot).instances) == 3
-    with live.edit() as edit:
-        edit.set_visible((), False)
-    assert flattener.flatten(live.snapshot).instances == ()
-    with live.edit() as edit:
-        edit.set_visible((), True)
-    assert len(flattener.flatten(Snapshot(live.snapshot.root, 9)).instances) == 3

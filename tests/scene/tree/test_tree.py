@@ -206,14 +206,11 @@ def test_a_committed_edit_cannot_be_used_again() -> None:
     edit = TreeEdit(Node())
     edit.set_parts(("a",), ())
     edit.commit()
-    with pytest.raises(RuntimeError, match="committed"):
-        edit.set_parts(("b",), ())
-    with pytest.raises(RuntimeError, match="committed"):
-        edit.delete(("a",))
-    with pytest.raises(RuntimeError, match="committed"):
-        edit.delete(())
-    with pytest.raises(RuntimeError, match="committed"):
-        edit.set_subtree((), Node())
+    for method, *arguments in (
+        (edit.set_parts, ("b",), ()), (edit.delete, ("a",)), (edit.delete, ()), (edit.set_subtree, (), Node()),
+    ):  # fmt: skip
+        with pytest.raises(RuntimeError, match="committed"):
+            method(*arguments)
 
 
 def test_a_pose_becomes_a_matrix_on_first_use_and_keeps_it() -> None:
