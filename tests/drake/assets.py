@@ -34,7 +34,6 @@ def png(pixels: np.ndarray) -> bytes:
 
 
 def checkers(size: int, cell: int, dark: tuple[int, ...], light: tuple[int, ...]) -> np.ndarray:
-    """A chess board of uint8 pixels."""
     y, x = np.indices((size, size)) // cell
     return np.where(((x + y) % 2 == 0)[..., None], np.array(dark, np.uint8), np.array(light, np.uint8))
 

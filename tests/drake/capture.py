@@ -66,7 +66,6 @@ class Recorder(BaseHTTPRequestHandler):
         self.wfile.write(answer)
 
     def write(self, kind: str, form: dict[str, bytes], body: bytes) -> None:
-        """Write the form of a request."""
         fields = {field: value.decode() for field, value in form.items() if field != "scene"}
         (self.folder / f"{kind}.json").write_text(json.dumps(fields, indent=1) + "\n")
         (self.folder / f"{kind}.gltf").write_bytes(form["scene"])

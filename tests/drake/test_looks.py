@@ -81,15 +81,13 @@ def image(pipeline: Pipeline, folder: Path, kind: str) -> NDArray[Any]:
     assert LOOK_FIELD not in fields
     request = read_fields(fields, (folder / f"{kind}.gltf").read_bytes(), RenderConfig())
     body = pipeline.render(request).body
-    decoded = cv2.imdecode(np.frombuffer(body, np.uint8), cv2.IMREAD_UNCHANGED)
-    assert decoded is not None
+    decoded: Any = cv2.imdecode(np.frombuffer(body, np.uint8), cv2.IMREAD_UNCHANGED)
     return decoded
 
 
 def color_difference(color: NDArray[Any], path: Path) -> float:
     """Return the fraction of channel values that differ by more than COLOR_STEP from an image of RenderEngineVtk."""
-    reference = cv2.imread(str(path))
-    assert reference is not None
+    reference: Any = cv2.imread(str(path))
     return float((np.abs(color.astype(int) - reference) > COLOR_STEP).mean())
 
 

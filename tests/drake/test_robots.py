@@ -29,8 +29,7 @@ def image(pipeline: Pipeline, folder: Path, kind: str) -> NDArray[Any]:
     config = RenderConfig()
     reader = FormReader((folder / f"{kind}.ctype").read_text().strip(), config)
     reader.feed(lzma.decompress((folder / f"{kind}.multipart.xz").read_bytes()))
-    decoded = cv2.imdecode(np.frombuffer(pipeline.render(reader.request()).body, np.uint8), -1)
-    assert decoded is not None
+    decoded: Any = cv2.imdecode(np.frombuffer(pipeline.render(reader.request()).body, np.uint8), -1)
     return decoded
 
 

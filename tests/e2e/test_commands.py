@@ -6,6 +6,7 @@ import socket
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
@@ -63,8 +64,7 @@ def test_render_uses_the_camera_of_the_file(tmp_path: Path) -> None:
     (tmp_path / "scene.gltf").write_text(json.dumps(forms.gltf()))
     result = scenegate("render", str(tmp_path / "scene.gltf"), "-o", str(out), "--width", "80", "--height", "60")
     assert result.returncode == 0, result.stderr
-    bgr = cv2.imread(str(out))
-    assert bgr is not None
+    bgr: Any = cv2.imread(str(out))
     image = bgr[:, :, ::-1]
     assert image.shape == (60, 80, 3)
     assert tuple(image[0, 0]) == (204, 229, 255)

@@ -19,7 +19,6 @@ PARAMETER = "/api/v2/pipelines/0/nodes/{node}/parameters/{name}"
 
 @pytest.fixture(scope="module")
 def docs() -> Iterator[tuple[Any, dict[str, Any]]]:
-    """The page, and the OpenAPI description."""
     with (
         chromium() as browser,
         gateway_process("--lcm-url", "off", "--grpc-port", "0", "--tcpq-port", "0", "--demo") as (_, url),

@@ -94,8 +94,7 @@ def test_renders_a_published_box(running: Running) -> None:
     query: dict[str, Any] = {"camera": "eye=2,0,0;target=0,0,0;fovy=30", "type": "label", "width": 64, "height": 64}
     image = running.http.get("/scene/render", params=query)
     assert image.status_code == 200, image.text
-    bgr = cv2.imdecode(np.frombuffer(image.content, np.uint8), cv2.IMREAD_COLOR)
-    assert bgr is not None
+    bgr: Any = cv2.imdecode(np.frombuffer(image.content, np.uint8), cv2.IMREAD_COLOR)
     labels = bgr[:, :, ::-1].astype(int)
     value = labels[32, 32] @ (1, 256, 65536)
     assert value == crate["label"]

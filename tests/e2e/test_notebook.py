@@ -59,7 +59,6 @@ def page(outputs: dict[str, dict[str, Any]]) -> Iterator[Any]:
 
 
 def red_share(pixels: Any) -> float:
-    """Return the share of orange pixels."""
     pixels = np.asarray(pixels).astype(int)
     return float(((pixels[:, :, 0] > pixels[:, :, 2] + 60) & (pixels[:, :, 1] > pixels[:, :, 2] + 20)).mean())
 

@@ -7,6 +7,7 @@ from asyncio.subprocess import Process
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -53,7 +54,6 @@ def lcm() -> None:
 
 @asynccontextmanager
 async def publishing(service: TreeViewerService, path: Path, *options: str) -> AsyncIterator[Process]:
-    """Publish a file to a tree viewer until the end."""
     arguments = ("publish", str(path), *options, "--lcm-url", url_of(service), *PATIENT)
     process = await asyncio.create_subprocess_exec(sys.executable, "-m", "scenegate", *arguments)
     try:
@@ -129,8 +129,7 @@ async def test_requests_are_published_below_a_path(tmp_path: Path) -> None:
         )
     assert done.exit_code == 0, done.stderr
     assert "deleted: robot/base/gone\nset: robot/base/a, robot/base/b/c\nmoved: robot/base/a\n" in done.stdout
-    base = live.snapshot.root.find(("robot", "base"))
-    assert base is not None
+    base: Any = live.snapshot.root.find(("robot", "base"))
     assert base.children["a"].matrix[2, 3] == 2.0
     assert len(base.children["b"].children["c"].parts or ()) == 2
 
@@ -199,7 +198,7 @@ async def test_plays_a_recorded_log(tmp_path: Path) -> None:
     log, live = tmp_path / "out.lcmlog", LiveTree()
     (tmp_path / "scene.json").write_text(json.dumps(REQUEST))
     async with serving() as service:
-        recorder = await asyncio.create_subprocess_exec(
+        recorder: Any = await asyncio.create_subprocess_exec(
             sys.executable,
             "-m",
             "scenegate",
@@ -209,7 +208,6 @@ async def test_plays_a_recorded_log(tmp_path: Path) -> None:
             url_of(service),
             stderr=asyncio.subprocess.PIPE,
         )
-        assert recorder.stderr is not None
         async with asyncio.timeout(SECONDS):
             assert await recorder.stderr.readline() == b"Recording ...\n"
             assert (

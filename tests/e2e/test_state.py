@@ -33,7 +33,6 @@ def send(url: str, request: Any) -> dict[str, Any]:
 
 
 def observe(url: str) -> tuple[Any, bytes, Any]:
-    """Return the scene, an image of it, and the camera's parameters."""
     scene = clients.get(f"{url}/scene").json()
     picture = clients.get(f"{url}/scene/render", params={"width": 64, "height": 48, "camera": "fit"})
     assert picture.status_code == 200, picture.text

@@ -56,7 +56,6 @@ print(json.dumps({"compiled": compiled, "answers": [answer.status_code for answe
 
 
 def said_by(program: str, *arguments: str | Path, folder: Path | None = None) -> dict[str, Any]:
-    """Run a program; return the JSON in its last line."""
     environment = {name: value for name, value in os.environ.items() if name != "PYTEST_CURRENT_TEST"}
     command = [sys.executable, "-c", program, *map(str, arguments)]
     result = subprocess.run(

@@ -30,12 +30,10 @@ BODY = forms.body(forms.gltf(), forms.drake_fields("label"))
 
 
 def render(url: str, content: bytes = BODY) -> httpx2.Response:
-    """Post an image on a new connection."""
     return clients.post(f"{url}/render", content=content, headers={"Content-Type": forms.CONTENT_TYPE})
 
 
 def states(url: str) -> dict[str, str]:
-    """State of each process, by its number."""
     found: dict[str, str] = clients.get(f"{url}/healthz").json()["workers"]["states"]
     return found
 
@@ -51,7 +49,6 @@ def all_ready(url: str) -> list[int]:
 
 
 def ended(pid: int) -> bool:
-    """Return whether a process no longer exists."""
     try:
         os.kill(pid, 0)
     except ProcessLookupError:

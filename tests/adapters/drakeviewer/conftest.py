@@ -30,13 +30,11 @@ class Viewer(DrakeViewer):
         return self.node("illustration", "world").parts or ()
 
     def node(self, *path: str) -> Node:
-        """Return the node below ``drake``."""
         found = self.live.snapshot.root.find(("drake", *path))
         assert found is not None, f"{path} is not in {self.paths()}"
         return found
 
     def paths(self) -> list[Path]:
-        """Return the paths of all nodes with geometry."""
         return [path for path, node in self.live.snapshot.root.walk() if node.parts is not None]
 
 

@@ -115,7 +115,6 @@ def cloud(
     row_step: int | None = None,
     flags: int = 2,
 ) -> bytes:
-    """Return a point cloud; fields are name, offset, datatype and count."""
     return b"".join(
         (
             fingerprint(wire.POINT_CLOUD),

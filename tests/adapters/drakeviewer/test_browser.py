@@ -18,7 +18,6 @@ RED, GREEN = (1.0, 0.0, 0.0, 1.0), (0.0, 1.0, 0.0, 1.0)
 
 @pytest.fixture(scope="module")
 def shown() -> Iterator[tuple[View, Any]]:
-    """The page, and a publisher."""
     lcm = liblcm()
     flags = ("--lcm-url", "off", "--grpc-port", "0", "--tcpq-port", "0")
     with chromium() as browser, gateway_process(*flags) as (_, url):

@@ -1,5 +1,7 @@
 """Contact forces and surfaces, as Drake's own viewer draws them (pydrake.multibody.meshcat of Drake 1.51)."""
 
+from typing import Any
+
 import numpy as np
 import pytest
 from numpy.typing import NDArray
@@ -132,6 +134,5 @@ def test_vertices_that_are_not_finite_in_float32(viewer: Viewer, x: float) -> No
     vertices = ((0, 0, 0), (1, 0, 0), (1, 1, 0), (x, 1, 0))
     problem = viewer.problem(CHANNEL, contacts(surfaces=[surface_contact(vertices=vertices)]))
     assert problem.startswith("1 vertices are not finite")
-    part = (viewer.node("contacts", "hydroelastic", "body1+body2").parts or ())[-1]
-    assert isinstance(part.shape, Surface)
+    part: Any = (viewer.node("contacts", "hydroelastic", "body1+body2").parts or ())[-1]
     assert part.shape.mesh.elements.tolist() == [[0, 1, 2]]

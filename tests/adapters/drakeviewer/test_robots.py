@@ -265,7 +265,6 @@ def test_unusual_poses(viewer: Viewer) -> None:
 
 
 def in_memory(obj: str, supporting: object = None, scale: tuple[float, float, float] = (1, 1, 1)) -> bytes:
-    """Return a mesh whose file is part of the message."""
     files = {"mesh_file": coded(obj, "t.obj"), "supporting_files": {} if supporting is None else {"t.mtl": supporting}}
     return geometry(MESH, scale, string=json.dumps({"in_memory_mesh": files}))
 

@@ -35,8 +35,6 @@ ROBOT = load(link("a", 1, geometry(SPHERE, [1.0])))
 
 
 class Running:
-    """A running service."""
-
     def __init__(
         self,
         config: DrakeViewerConfig | None = None,
@@ -50,14 +48,12 @@ class Running:
         self.service.receive(LcmMessage(channel, data, is_local, arrival))
 
     def x(self) -> float | None:
-        """Return where link ``a`` is along x."""
         node = self.live.snapshot.root.find(("drake", "illustration", "a"))
         return None if node is None or node.pose is None else node.pose[0]
 
 
 @contextlib.asynccontextmanager
 async def background(work: Coroutine[Any, Any, None]) -> AsyncIterator[None]:
-    """Run a coroutine until the end of the block."""
     task = asyncio.create_task(work)
     try:
         yield
@@ -260,7 +256,6 @@ async def test_waiting_messages_of_new_channels_are_limited() -> None:
 
 @contextlib.asynccontextmanager
 async def hub_of(found: Running, lcm: LcmConfig = TCPQ) -> AsyncIterator[str]:
-    """The URL of a hub that passes messages to the service."""
     listener = ChannelListener(PREFIXES, found.service.receive)
     hub = TreeViewerService(TreeViewerConfig(lcm=lcm), found.live, listeners=[listener])
     async with background(hub.run()):
@@ -299,8 +294,7 @@ async def test_programs_on_this_machine_name_files_in_all_folders(tmp_path: Path
             found.receive(DRAW, at(1.0), is_local)
             await until(lambda: found.service.viewer.counters.loads == (1 if is_local else 2))  # noqa: B023
             await until(lambda: found.x() == 1.0)
-            node = found.live.snapshot.root.find(("drake", "illustration", "a"))
-            assert node is not None
+            node: Any = found.live.snapshot.root.find(("drake", "illustration", "a"))
             assert len(node.parts or ()) == is_local
             warnings = found.service.status().get("warnings", [])
             assert is_local == (not warnings)

@@ -38,7 +38,6 @@ class FoxgloveClient:
         self._types: dict[str, Any] = {}
 
     async def subscribe(self, *topics: str) -> None:
-        """Subscribe to advertised topics."""
         while not self.channels.keys() >= set(topics):
             await self._receive()
         await self._send_subscriptions(topics)
@@ -52,12 +51,10 @@ class FoxgloveClient:
         await self._socket.send(json.dumps({"op": "subscribe", "subscriptions": subscriptions}))
 
     async def unsubscribe(self, *topics: str) -> None:
-        """End the subscriptions of topics."""
         ids = [number for number, topic in self._topics.items() if topic in topics]
         await self._socket.send(json.dumps({"op": "unsubscribe", "subscriptionIds": ids}))
 
     async def get_parameters(self) -> dict[str, Any]:
-        """Return all parameters."""
         self.parameters = {}
         await self._socket.send(json.dumps({"op": "getParameters", "parameterNames": [], "id": "all"}))
         while not self.parameters:
@@ -65,22 +62,18 @@ class FoxgloveClient:
         return self.parameters
 
     async def set_parameter(self, name: str, value: object) -> None:
-        """Try to set a parameter."""
         await self._socket.send(json.dumps({"op": "setParameters", "parameters": [{"name": name, "value": value}]}))
 
     async def until_withdrawn(self, topic: str) -> None:
-        """Wait until the server withdraws a channel."""
         while topic in self.channels:
             await self._receive()
 
     async def next_message(self) -> tuple[str, int, Any]:
-        """Return topic, time and content of the next message."""
         while not self._messages:
             await self._receive()
         return self._messages.popleft()
 
     async def messages_of(self, *topics: str) -> dict[str, Any]:
-        """Return a message of each topic, the first ones."""
         found: dict[str, Any] = {}
         while set(topics) - set(found):
             topic, _, value = await self.next_message()
@@ -88,7 +81,6 @@ class FoxgloveClient:
         return found
 
     async def _receive(self) -> None:
-        """Receive a frame."""
         data = await self._socket.recv()
         if isinstance(data, bytes):
             opcode, number, time = MESSAGE_DATA.unpack_from(data)

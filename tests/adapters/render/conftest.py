@@ -9,6 +9,7 @@ from collections import Counter
 from collections.abc import AsyncIterator, Callable, Iterator
 from contextlib import AbstractAsyncContextManager, asynccontextmanager
 from dataclasses import dataclass, field
+from typing import Any
 
 import cv2
 import httpx2
@@ -64,8 +65,6 @@ class WatchedRenderer:
 
 @dataclass
 class Running:
-    """An endpoint that answers."""
-
     client: httpx2.AsyncClient
     service: RenderService
     workers: WorkerPool
@@ -74,7 +73,6 @@ class Running:
 
     @property
     def records(self) -> list[RenderRecord]:
-        """The newest requests, oldest first."""
         return list(self.service.recent)
 
     @property
@@ -84,7 +82,6 @@ class Running:
         return arriving
 
     def outcomes(self) -> Counter[str]:
-        """Number of requests by outcome, as metrics have it."""
         samples = [sample for metric in self.metrics.renders.collect() for sample in metric.samples]
         counts: Counter[str] = Counter()
         for sample in samples:
@@ -100,8 +97,7 @@ SCENE = json.dumps(gltf()).encode()
 
 def decoded(response: httpx2.Response) -> NDArray[np.generic]:
     """The picture of an answer, channels as RGB."""
-    image = cv2.imdecode(np.frombuffer(response.content, np.uint8), cv2.IMREAD_UNCHANGED)
-    assert image is not None
+    image: Any = cv2.imdecode(np.frombuffer(response.content, np.uint8), cv2.IMREAD_UNCHANGED)
     return image[..., ::-1] if image.ndim == 3 else image
 
 

@@ -58,7 +58,6 @@ def test_unreadable_scenes_are_not_cached() -> None:
 def rendered(
     renderer: CpuRenderer, document: Any, kind: str = "color", config: RenderConfig | None = None, **fields: str
 ) -> EncodedImage:
-    """Return the image of a posted document."""
     config = config or RenderConfig()
     reader = FormReader(CONTENT_TYPE, config)
     reader.feed(body(document, drake_fields(kind, **fields)))
@@ -80,10 +79,9 @@ def test_fxaa_can_be_turned_off(renderer: CpuRenderer) -> None:
     for antialias in ("fxaa", "none"):
         config = RenderConfig(style=Style(antialias=antialias, samples=1))
         for kind in ("color", "label"):
-            image = cv2.imdecode(
+            image: Any = cv2.imdecode(
                 np.frombuffer(rendered(renderer, gltf(), kind, config).body, np.uint8), cv2.IMREAD_COLOR
             )
-            assert image is not None
             shades[antialias, kind] = len(np.unique(image.reshape(-1, 3), axis=0))
     assert shades["none", "color"] == shades["none", "label"] == shades["fxaa", "label"] == 2
     assert shades["fxaa", "color"] > 5

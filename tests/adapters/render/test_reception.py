@@ -11,6 +11,7 @@ import re
 import weakref
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -104,8 +105,7 @@ async def test_stalled_uploads_are_408_and_stored(start: Start, watched: Watched
         status, sentence = await answer(reader)
         writer.close()
         assert status == 408
-        told = re.match(rb"no data for 0\.05 s after (\d+) bytes", sentence)
-        assert told is not None
+        told: Any = re.match(rb"no data for 0\.05 s after (\d+) bytes", sentence)
         count = int(told[1])  # on a slow machine nothing may have come for so long before the end of what was sent
         assert 0 < count <= len(form) - 10
         assert server.service.inflight_bytes == 0

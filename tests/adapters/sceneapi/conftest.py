@@ -70,6 +70,12 @@ class World:
     client: httpx2.AsyncClient
 
 
+def client_of(service: SceneApi) -> httpx2.AsyncClient:
+    app = FastAPI(exception_handlers={RequestValidationError: invalid_parameters})
+    app.include_router(router(service))
+    return httpx2.AsyncClient(transport=httpx2.ASGITransport(app=app), base_url="http://test")
+
+
 @pytest.fixture
 async def world() -> AsyncIterator[World]:
     tree = LiveTree()
@@ -81,9 +87,6 @@ async def world() -> AsyncIterator[World]:
     renderer, workers = RecordingRenderer(), WorkerPool(2, max_waiting=1)
     config = SceneApiConfig(width=320, height=240, max_pixels=100_000, max_side=1000)
     service = SceneApi(LiveScene(tree), renderer, workers, config)
-    app = FastAPI(exception_handlers={RequestValidationError: invalid_parameters})
-    app.include_router(router(service))
-    transport = httpx2.ASGITransport(app=app)
-    async with httpx2.AsyncClient(transport=transport, base_url="http://test") as client:
+    async with client_of(service) as client:
         yield World(tree, renderer, workers, service, client)
     await workers.close(5.0)

@@ -2,19 +2,15 @@
 
 import asyncio
 from collections.abc import AsyncIterator
+from typing import Any
 
-import httpx2
 import numpy as np
 import pytest
-from fastapi import FastAPI
-from fastapi.exceptions import RequestValidationError
 
 from gateway.adapters.sceneapi.config import SceneApiConfig
-from gateway.adapters.sceneapi.routes import router
 from gateway.adapters.sceneapi.service import SceneApi
 from gateway.files.gltf import read_gltf
 from gateway.replay.history import TreeHistory
-from gateway.runtime.http.error_handlers import invalid_parameters
 from gateway.runtime.workers.worker_pool import WorkerPool
 from gateway.scene.draw.flatten import flatten
 from gateway.scene.draw.live_scene import LiveScene
@@ -23,7 +19,7 @@ from gateway.scene.tree.live import LiveTree, Snapshot
 from renderers.camera import Camera
 from renderers.drawlist import Material
 from scenegate.messages.geometry import Box
-from tests.adapters.sceneapi.conftest import RecordingRenderer
+from tests.adapters.sceneapi.conftest import RecordingRenderer, client_of
 
 SECOND = 1_000_000_000
 
@@ -47,18 +43,13 @@ class World:
         self.workers = WorkerPool(2)
         config = SceneApiConfig(width=64, height=48)
         scene = LiveScene(self.tree, timeline=self.history, stereo_camera=self.stereo_camera)
-        service = SceneApi(scene, self.renderer, self.workers, config)
-        app = FastAPI(exception_handlers={RequestValidationError: invalid_parameters})
-        app.include_router(router(service))
-        self.client = httpx2.AsyncClient(transport=httpx2.ASGITransport(app=app), base_url="http://test")
+        self.client = client_of(SceneApi(scene, self.renderer, self.workers, config))
 
     def stereo_camera(self, snapshot: Snapshot) -> Camera:
-        box = snapshot.root.find(("box",))
-        assert box is not None
+        box: Any = snapshot.root.find(("box",))
         return Camera(64, 48, 50, 50, 32, 24, 0.1, 10, box.matrix)
 
     async def box(self, time: str) -> float:
-        """Return x of the box in the listing of a time."""
         listing = (await self.client.get(f"/scene?time={time}")).json()
         return float(next(node for node in listing["nodes"] if node["path"] == ["box"])["transform"][0][3])
 
@@ -121,12 +112,7 @@ async def test_other_times_are_errors_with_the_span(
 
 async def test_without_a_history_there_is_only_now() -> None:
     workers = WorkerPool(1)
-    app = FastAPI()
-    app.include_router(router(SceneApi(LiveScene(LiveTree()), RecordingRenderer(), workers)))
-    async with httpx2.AsyncClient(transport=httpx2.ASGITransport(app=app), base_url="http://test") as client:
+    async with client_of(SceneApi(LiveScene(LiveTree()), RecordingRenderer(), workers)) as client:
         response = await client.get("/scene?time=-1")
-    assert (response.status_code, response.text) == (
-        404,
-        "time=-1: this gateway keeps no history (--history-seconds 0)",
-    )
+    assert (response.status_code, "--history-seconds 0" in response.text) == (404, True)
     await workers.close(5.0)

@@ -74,7 +74,6 @@ class Camera:
         return call(pb.ImageSetRequest(**request), timeout=timeout)
 
     async def take(self, count: int = 1, **request: Any) -> list[pb.ImageSet]:
-        """Return the first sets of a new stream."""
         call = self.stream(**request)
         sets = [await call.read() for _ in range(count)]
         call.cancel()
@@ -147,7 +146,6 @@ async def camera(start: Start) -> Camera:
 
 
 def http_client(*routers: APIRouter) -> httpx.AsyncClient:
-    """Return a client of an application with these routes."""
     app = FastAPI()
     for router in routers:
         app.include_router(router)
@@ -156,7 +154,6 @@ def http_client(*routers: APIRouter) -> httpx.AsyncClient:
 
 @pytest.fixture
 async def rest_client(camera: Camera) -> AsyncIterator[httpx.AsyncClient]:
-    """A client of all routes of a camera."""
     routers = (node_router, system_router, truth_router, fault_router)
     async with http_client(*(router(camera.service) for router in routers)) as client:
         yield client
@@ -164,7 +161,6 @@ async def rest_client(camera: Camera) -> AsyncIterator[httpx.AsyncClient]:
 
 @pytest.fixture
 def logs() -> Iterator[None]:
-    """Logs as in a gateway."""
     root = logging.getLogger()
     handlers, level = root.handlers[:], root.level
     log_setup.configure("json", "info")

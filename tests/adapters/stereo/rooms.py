@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -103,10 +104,7 @@ def walls_seen(
         expose(imaging, capture, exposure, stream) for stream in (NoiseStream.LEFT_DEPTH, NoiseStream.RIGHT_DEPTH)
     )
     disparity = matched_depth(imaging.config, ImagePair(left, right_image, exposure), settings, None).disparity
-    seen = imaging.render(capture, 0.0, settings.quality.divisor, Output.DEPTH | Output.NORMAL | Output.INSTANCE)
-    assert seen.depth is not None
-    assert seen.normal is not None
-    assert seen.instance is not None
+    seen: Any = imaging.render(capture, 0.0, settings.quality.divisor, Output.DEPTH | Output.NORMAL | Output.INSTANCE)
     k = imaging.config.model.intrinsics(settings.quality.divisor)
     rows, columns = np.mgrid[0 : k.height, 0 : k.width] + 0.5
     ray = np.stack(((columns - k.cx) / k.focal_length, (rows - k.cy) / k.focal_length, np.ones(rows.shape)), axis=-1)

@@ -13,7 +13,6 @@ def viewer() -> Viewer:
 
 @pytest.fixture
 def url() -> str:
-    """URL of an unused LCM network."""
     network = free_url()
     join(network)
     return network

@@ -44,7 +44,6 @@ class Viewer:
         self.protocol = TreeViewerProtocol(self.live, limits, meshes, strict=strict)
 
     def tell(self, request: Any, utime: int = 7) -> dict[str, Any]:
-        """Send a request and return the response."""
         answer: dict[str, Any] = json.loads(msgspec.json.encode(self.protocol.handle(message(request, utime))))
         return answer
 
@@ -63,5 +62,4 @@ class Viewer:
         return parts
 
     def paths(self) -> set[Path]:
-        """Return the paths of all nodes with geometry."""
         return {path for path, node in self.live.snapshot.root.walk() if node.parts is not None}

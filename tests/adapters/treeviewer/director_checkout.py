@@ -60,8 +60,6 @@ time.sleep({seconds})  # until the tests end it
 
 @dataclass(frozen=True)
 class Outcome:
-    """Result of one of Director's scripts."""
-
     script: str
     status: int
     output: str
@@ -90,7 +88,6 @@ def prepared(checkout: Path, script: Path, url: str, *, announce: bool) -> Itera
 
 
 def run(checkout: Path, script: Path, url: str, *, announce: bool) -> Outcome:
-    """Run one script."""
     with prepared(checkout, script, url, announce=announce) as (command, environment):
         done = subprocess.run(
             command,

@@ -47,7 +47,6 @@ class DirectorClient:
         self.answered.set()
 
     def settransform(self, path: str) -> None:
-        """Set a transform and publish it."""
         self.queue.add(path)
         request = {"utime": 0, "delete": [], "setgeometry": [], "settransform": [{"path": [path], "transform": {}}]}
         self.lcm.publish(f"DIRECTOR_TREE_VIEWER_REQUEST_{CLIENT}", wire.encode(json.dumps(request).encode()))

@@ -16,8 +16,6 @@ REQUEST = "DIRECTOR_TREE_VIEWER_REQUEST"
 
 @dataclass(frozen=True)
 class Exchange:
-    """One request and the response of Director's viewer."""
-
     number: int
     channel: str
     data: bytes
@@ -37,7 +35,6 @@ def names() -> list[str]:
 
 @cache
 def exchanges(name: str) -> tuple[Exchange, ...]:
-    """Return the requests of a log with the recorded responses."""
     lines = (folder() / f"{name}.oracle.jsonl").read_text().splitlines()
     oracle = {entry["event"]: entry for entry in map(json.loads, lines)}
     return tuple(
@@ -48,7 +45,6 @@ def exchanges(name: str) -> tuple[Exchange, ...]:
 
 
 def events(name: str) -> list[Event]:
-    """Return the events of a log in order."""
     with (folder() / f"{name}.log").open("rb") as file:
         return list(read_events(file, on_damage=lambda size: pytest.fail(f"{name}.log has {size} damaged bytes")))
 

@@ -36,7 +36,6 @@ class Talk:
             self.values.append(({each.path: each.value for each in message.controls}, message.after))
 
     def tell(self, **request: Any) -> dict[str, Any]:
-        """Send a request and return the response."""
         if self._binary:
             data = wire.encode(msgspec.msgpack.encode(request), 7, wire.BINARY)
         else:
@@ -46,7 +45,6 @@ class Talk:
         return answer
 
     def fails(self, **request: Any) -> str:
-        """Send a request and return the reason of its only failure."""
         answer = self.tell(**request)
         assert answer["status"] == -3
         (error,) = answer["errors"]

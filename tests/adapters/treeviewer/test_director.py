@@ -3,6 +3,7 @@
 import asyncio
 import os
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -66,11 +67,9 @@ async def test_directors_client_recovers_from_a_restart(checkout: Path, tmp_path
     with director_checkout.prepared(checkout, script, network, announce=False) as (command, environment):
         first, second = LiveTree(), LiveTree()
         async with serving(config, live=first):
-            client = await asyncio.create_subprocess_exec(
+            client: Any = await asyncio.create_subprocess_exec(
                 *command, env=environment, stdin=asyncio.subprocess.PIPE, stdout=asyncio.subprocess.PIPE
             )
-            assert client.stdout is not None
-            assert client.stdin is not None
             assert await client.stdout.readline() == b"shown\n"
             await until(lambda: first.snapshot.root.find(path) is not None)
         async with serving(config, live=second):

@@ -65,8 +65,6 @@ def geometries(*geometries: dict[str, Any]) -> dict[str, Any]:
 
 
 class World:
-    """A dispatcher and what it has published."""
-
     def __init__(self, store: Store | None = None, **config: Any) -> None:
         self.viewer, self.pool = Viewer(), Here()
         self.dispatcher = Dispatcher(self.viewer.protocol, TreeViewerConfig(**config), self.pool, store)

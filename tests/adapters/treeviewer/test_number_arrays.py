@@ -62,8 +62,7 @@ def test_number_grammar_of_extracted_arrays(number: str) -> None:
         else:
             assert "points has" in request.failures[0].reason
         return
-    line = read(text).geometries[0][1][0].shape
-    assert isinstance(line, Line)
+    line: Any = read(text).geometries[0][1][0].shape
     value = float(json.loads(number))
     if abs(value) <= 1e15:
         assert line.points[-1, 1] == np.float32(value)

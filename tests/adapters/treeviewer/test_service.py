@@ -1,5 +1,7 @@
 """The service with real LCM: UDP multicast and liblcm's own TCPQ client."""
 
+from typing import Any
+
 import pytest
 
 from gateway.adapters.treeviewer.config import TreeViewerConfig
@@ -51,8 +53,7 @@ async def test_recorded_requests_over_real_lcm(name: str, transport: str, url: s
                 # Over UDP the response's channel would be too long for LCM; our hub relays it.
                 id_too_long = len(exchange.channel) == 63
                 if id_too_long and transport == "tcpq":
-                    answer = answer_over(client, heard, exchange.channel, exchange.data)
-                    assert answer is not None
+                    answer: Any = answer_over(client, heard, exchange.channel, exchange.data)
                     assert answer[0] == exchange.channel.replace("REQUEST", "RESPONSE")
                     continue
                 silent = id_too_long or (expected is not None and expected.status is None)

@@ -110,7 +110,6 @@ class HubClient:
             return channel, await self.reader.readexactly(size)
 
     async def ended(self) -> bool:
-        """Wait until the hub closes the connection."""
         async with asyncio.timeout(SECONDS):
             try:
                 while await self.reader.read(65536):
@@ -126,12 +125,10 @@ class HubClient:
 
 
 async def in_thread(function: Callable[..., Any], *args: Any) -> Any:
-    """Call a function in a thread and return its result."""
     return await asyncio.get_running_loop().run_in_executor(None, function, *args)
 
 
 def resident_bytes() -> int:
-    """Return the resident memory of this process."""
     return int(Path("/proc/self/statm").read_text().split()[1]) * os.sysconf("SC_PAGE_SIZE")
 
 
@@ -146,5 +143,4 @@ def answer_over(client: Any, received: list[tuple[str, bytes]], channel: str, da
 
 
 def lossless(client: Any, pattern: str, callback: Callable[[str, bytes], None]) -> None:
-    """Subscribe with an unlimited queue."""
     client.subscribe(pattern, callback).set_queue_capacity(0)

@@ -1,7 +1,7 @@
 """Depth of materials: plates before a textured wall, and plain walls that the projector lights."""
 
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
 import cv2
 import numpy as np
@@ -51,8 +51,7 @@ class Scenes:
     def instances(self, sample: Sample) -> NDArray[np.int32]:
         """Return the instance that the left camera sees in each pixel of the depth image, panes of glass included."""
         divisor = sample.settings.quality.divisor
-        frame = self.imaging.render(sample.capture, 0.0, divisor, Output.INSTANCE)
-        assert frame.instance is not None
+        frame: Any = self.imaging.render(sample.capture, 0.0, divisor, Output.INSTANCE)
         return frame.instance
 
 
@@ -73,7 +72,6 @@ def plates(scene: DrawList, *, projector: bool, realism: bool) -> dict[str, tupl
 
 
 def read_plates(corpus: Path) -> DrawList:
-    """Return ``cases/sensor/materials.glb``."""
     return flatten(read_gltf((corpus / "cases/sensor/materials.glb").read_bytes()).root)
 
 

@@ -25,7 +25,6 @@ def patches(seed: int) -> NDArray[np.uint16]:
 
 
 def filtered(disparity: NDArray[np.uint16], filters: Filters) -> DepthImages:
-    """Return depth images of full confidence after the filters."""
     valid = (disparity > 0).astype(np.uint8)
     images = DepthImages(disparity.copy(), valid.copy(), valid * np.uint8(255))
     apply_filters(images, filters, 100.0, 2)

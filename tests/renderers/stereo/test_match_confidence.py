@@ -54,7 +54,6 @@ def test_matches_of_faint_texture_are_less_confident_and_less_precise() -> None:
 
 
 def features_of(image: NDArray[np.uint16]) -> dict[str, NDArray[np.float32]]:
-    """Return the features of right matches, by name."""
     matches = np.full(image.shape, SHIFT * 16, np.uint16)
     return dict(zip(FEATURES, match_features(image, np.roll(image, -SHIFT, 1), matches, SIGMA, 2), strict=True))
 

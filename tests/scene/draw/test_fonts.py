@@ -23,7 +23,6 @@ def no_machine_fonts(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
 
 
 def drawn(text: str) -> NDArray[np.uint8]:
-    """Return the alpha of an image of a text."""
     return text_image(text, font_for(text), (0.0, 0.0, 0.0, 1.0), (0.0, 0.0, 0.0, 0.0))[0][:, :, 3]
 
 

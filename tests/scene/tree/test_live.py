@@ -6,18 +6,6 @@ import pytest
 from gateway.scene.tree.live import LiveTree, Snapshot
 
 
-def test_an_edit_is_one_revision_and_old_snapshots_stay() -> None:
-    live = LiveTree()
-    before = live.snapshot
-    with live.edit() as edit:
-        edit.set_parts(("a",), ())
-        edit.set_pose(("a", "b"), (1, 2, 3, 1, 0, 0, 0))
-        assert live.snapshot is before
-    assert live.snapshot.revision == 1
-    assert live.snapshot.root.find(("a", "b")) is not None
-    assert before.root.find(("a",)) is None
-
-
 def test_an_edit_that_changes_nothing_is_no_revision() -> None:
     live = LiveTree()
     with live.edit() as edit:

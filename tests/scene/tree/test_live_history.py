@@ -12,8 +12,6 @@ SECOND = 1_000_000_000
 
 
 class Tree:
-    """A live tree whose clock is set by the test."""
-
     def __init__(self) -> None:
         self.now = 0
         self.live = LiveTree(lambda: self.now)

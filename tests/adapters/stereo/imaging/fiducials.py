@@ -31,10 +31,6 @@ LATTICE: Final = 17
 """Step of the lattice's rows."""
 WHITE: Final = 0.8
 """Albedo of white cells."""
-TAG_SIDE: Final = 0.08
-"""Side of the black square, and width of the grid, metres."""
-PLACEMENTS: Final = 8
-"""Sub-pixel placements: one alone is right or wrong by chance."""
 GRID: Final = (4, 3)
 """Columns and rows of circles of a grid."""
 PATTERNS: Final[dict[str, int | None]] = {
@@ -66,7 +62,6 @@ class View:
         rotation: tuple[float, float, float],
         distance: float,
         parts: tuple[RealismPart, ...] = (),
-        shift: tuple[float, float] = (0.0, 0.0),
     ):
         """
         Args:
@@ -75,7 +70,6 @@ class View:
             rotation: rotation vector of the pattern, radians.
             distance: depth of its centre, metres.
             parts: parts of ``--stereo-realism``.
-            shift: shift of the pattern in the image, pixels.
         """
         self.config = StereoConfig(noise=False, realism=frozenset(parts))
         self.pattern, self.cell, self.texture = pattern, cell, texture_of(pattern)
@@ -84,8 +78,7 @@ class View:
         self.pose = np.eye(4)
         self.pose[:3, :3] = cv2.Rodrigues(np.array(rotation))[0]
         self.k = self.config.model.intrinsics()
-        across, down = np.array(shift) * distance / self.k.focal_length
-        self.pose[:3, 3] = (0.031 + across, -0.023 + down, distance)
+        self.pose[:3, 3] = (0.031, -0.023, distance)
         center = self.pose[:2, 3] / distance * self.k.focal_length + (self.k.cx, self.k.cy)
         half = int(0.85 * max(self.size) / distance * self.k.focal_length)
         self.left, self.top, self.side = int(center[0]) - half, int(center[1]) - half, 2 * half
@@ -125,7 +118,6 @@ class View:
         return np.asarray(np.rint(255.0 * cv2.sepFilter2D(light, -1, taps, taps)), np.uint8)
 
     def _background(self) -> float:
-        """Return the light beside the pattern."""
         red, green, blue = (np.array(self.config.background) / 255.0) ** DISPLAY_GAMMA
         return float(0.299 * red + 0.587 * green + 0.114 * blue)
 
@@ -183,17 +175,3 @@ def circles() -> NDArray[np.uint8]:
     far = np.hypot((x - 1.5) % 2 - 1.0, (y - 1.5) % 2 - 1.0) > 0.6
     border = (x < 1.5) | (y < 1.5) | (x > 2 * columns + 1.5) | (y > 2 * rows + 1.5)
     return np.where(far | border, 255, 0).astype(np.uint8)
-
-
-def pattern_errors(
-    pattern: str, distance: float, parts: tuple[RealismPart, ...], renderer: CpuRenderer
-) -> NDArray[np.float64]:
-    """Return the error of the range of a frontal pattern relative to its ideal image, per cent, for ``PLACEMENTS``."""
-    cell = TAG_SIDE / (2 * GRID[0] if PATTERNS[pattern] is None else len(texture_of(pattern)) / TEXELS - 2)
-    errors = []
-    for index in range(PLACEMENTS):
-        turn = 0.02 * (index - PLACEMENTS / 2) / PLACEMENTS
-        shift = (index + 0.5) / PLACEMENTS, index * 3 % PLACEMENTS / PLACEMENTS
-        measured, ideal = View(pattern, cell, (0.0, 0.0, 0.02 + turn), distance, parts, shift).ranges(renderer)
-        errors.append(100.0 * (measured / ideal - 1.0))
-    return np.array(errors)

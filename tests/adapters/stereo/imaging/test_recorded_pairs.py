@@ -53,8 +53,7 @@ async def recorded(start: Start) -> pb.ImageSet:
 
 async def test_shows_a_folder_written_by_our_client(recorded: pb.ImageSet, start: Start, tmp_path: Path) -> None:
     save(recorded, tmp_path)
-    geometry = read_geometry(tmp_path)
-    assert geometry is not None
+    geometry: Any = read_geometry(tmp_path)
     assert list(geometry) == [pytest.approx(SMALL.focal_factor), pytest.approx(SMALL.baseline)]
     camera = await start(rate="max", pairs=RecordedPairs(find_pairs(tmp_path, 10), *geometry, LIMIT))
     image_set = await capture_set(

@@ -52,8 +52,7 @@ async def get(camera: Camera, path: str) -> httpx.Response:
 def decoded(response: httpx.Response) -> NDArray[Any]:
     assert response.status_code == 200, response.text
     assert response.headers["content-type"] == "image/png"
-    image = cv2.imdecode(np.frombuffer(response.content, np.uint8), cv2.IMREAD_UNCHANGED)
-    assert image is not None
+    image: Any = cv2.imdecode(np.frombuffer(response.content, np.uint8), cv2.IMREAD_UNCHANGED)
     return image
 
 

@@ -37,6 +37,8 @@ async def test_status_of_an_idle_camera(start: Start) -> None:
         "temp_right": "35", "test": "0", "time": "0", "params_override_active": "0", "selfcalib_counter": "0",
         "selfcalib_offset": "0",
     }  # fmt: skip
+    measured = {"data_acquisition_time", "last_timestamp_processed", "processing_time"}
+    assert measured <= status_values(camera, "rc_measure").keys()
     values = status_values(camera, "rc_stereomatching")
     assert float(values.pop("mindepth")) > 0.0
     zero = ("fps", "latency", "time_matching", "time_postprocessing", "reduced_depth_range")

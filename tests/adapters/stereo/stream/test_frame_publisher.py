@@ -21,8 +21,6 @@ LEFT, DEPTH = SetKind(left=True), SetKind(disparity=True)
 
 @dataclass
 class FakeHub:
-    """Collects what is published."""
-
     published: list[tuple[SetKind, int, bytes, int]] = field(default_factory=list)
     ended: list[tuple[SetKind, str]] = field(default_factory=list)
     demand_changes: int = 0

@@ -6,6 +6,7 @@ import asyncio
 import platform
 import sys
 from collections.abc import Callable
+from typing import Any
 
 import grpc
 import pytest
@@ -56,11 +57,9 @@ asyncio.run(main())
 @pytest.mark.slow
 @pytest.mark.skipif(platform.libc_ver()[0] != "glibc", reason="another allocator, which is not told to keep memory")
 async def test_memory_of_unsent_messages_is_returned() -> None:
-    child = await asyncio.create_subprocess_exec(
+    child: Any = await asyncio.create_subprocess_exec(
         sys.executable, "-c", SERVER, stdin=asyncio.subprocess.PIPE, stdout=asyncio.subprocess.PIPE
     )
-    assert child.stdin is not None
-    assert child.stdout is not None
     reads, writes = child.stdout, child.stdin
 
     async def when(condition: Callable[[int, int, int], bool]) -> int:

@@ -32,7 +32,6 @@ async def test_unsubscribing_wakes_the_producer() -> None:
         await staying.get()
 
         async def produce() -> None:
-            """Publish a set when no mailbox is full."""
             while True:
                 hub.scheduler_wakeup.clear()
                 if len(hub) and not hub.kinds_with_mailbox(MailboxState.FULL):
