@@ -68,6 +68,7 @@ class Gltf:
 
     def texture(self, pixels: np.ndarray, sampler: dict[str, int] | None = None, **fields: Any) -> dict[str, Any]:
         """Add a texture; return the reference to it (``textureInfo``) with further fields."""
+        self.use(*fields.get("extensions", ()))
         uri = "data:image/png;base64," + base64.b64encode(png(pixels)).decode()
         texture: dict[str, int] = {"source": self._add("images", {"uri": uri})}
         if sampler is not None:
@@ -75,8 +76,7 @@ class Gltf:
         return {"index": self._add("textures", texture), **fields}
 
     def material(self, **fields: Any) -> int:
-        if "extensions" in fields:
-            self.use(*fields["extensions"])
+        self.use(*fields.get("extensions", ()))
         return self._add("materials", fields)
 
     def matte(self, color: Sequence[float] | None = None, texture: dict[str, Any] | None = None, **fields: Any) -> int:
@@ -99,14 +99,15 @@ class Gltf:
         self.document["scenes"][0]["nodes"].append(self._add("nodes", {"mesh": mesh, **fields}))
 
     def use(self, *extensions: str) -> None:
-        self.document["extensionsUsed"] = list(extensions)
+        for extension in extensions:
+            self._add("extensionsUsed", extension)
 
     def write(self, path: Path) -> Path:
         path.write_text(json.dumps(self.document))
         return path
 
-    def _add(self, array: str, entry: dict[str, Any]) -> int:
-        entries: list[dict[str, Any]] = self.document.setdefault(array, [])
+    def _add(self, array: str, entry: Any) -> int:
+        entries: list[Any] = self.document.setdefault(array, [])
         entries.append(entry)
         return len(entries) - 1
 

@@ -248,21 +248,17 @@ for _mode in ("OPAQUE", "MASK", "BLEND"):
                 return single_ball(folder, document, material, BEHIND)
 
 
-@scene("alpha_mask_cutoff")
-def alpha_mask_cutoff(folder: Path) -> Scene:
-    document = Gltf()
-    texture = document.texture(PRIMITIVE_TEXTURES["alpha_gradient"])
-    material = document.matte(texture=texture, alphaMode="MASK", alphaCutoff=0.8, doubleSided=True)
-    return single_ball(folder, document, material, BEHIND)
+CUT_OUTS: Final[dict[str, tuple[str, dict[str, Any]]]] = {
+    "mask_cutoff": ("alpha_gradient", {"alphaMode": "MASK", "alphaCutoff": 0.8}),
+    **{f"cut_out_{mode.lower()}": ("cut_out", {"alphaMode": mode}) for mode in ("OPAQUE", "MASK", "BLEND")},
+}
+for _name, (_texture, _fields) in CUT_OUTS.items():
 
-
-for _mode in ("OPAQUE", "MASK", "BLEND"):
-
-    @scene(f"alpha_cut_out_{_mode.lower()}")
-    def _cut_out(folder: Path, mode: str = _mode) -> Scene:
+    @scene(f"alpha_{_name}")
+    def _cut_out(folder: Path, texture: str = _texture, fields: dict[str, Any] = _fields) -> Scene:
         document = Gltf()
-        texture = document.texture(PRIMITIVE_TEXTURES["cut_out"])
-        return single_ball(folder, document, document.matte(None, texture, alphaMode=mode, doubleSided=True), BEHIND)
+        pixels = document.texture(PRIMITIVE_TEXTURES[texture])
+        return single_ball(folder, document, document.matte(None, pixels, doubleSided=True, **fields), BEHIND)
 
 
 @scene("several_nodes_with_alpha")
@@ -347,23 +343,6 @@ def mirrored_node_double_sided(folder: Path) -> Scene:
     return mirrored_and_plain(folder, document, material, [1.0, -1.0, 1.0])
 
 
-EMISSIVE: Final[dict[str, Callable[[Gltf], dict[str, Any]]]] = {
-    "factor": lambda document: {"emissiveFactor": [0.5, 0.3, 0.0]},
-    "texture": lambda document: {"emissiveFactor": [0.5, 1.0, 0.3], "emissiveTexture": document.texture(BOARD)},
-    "strength": lambda document: {
-        "emissiveFactor": [0.2, 0.2, 0.2],
-        "emissiveTexture": document.texture(BOARD),
-        "extensions": {"KHR_materials_emissive_strength": {"emissiveStrength": 3.0}},
-    },
-}
-for _name, _fields in EMISSIVE.items():
-
-    @scene(f"emissive_{_name}")
-    def _emissive(folder: Path, fields: Callable[[Gltf], dict[str, Any]] = _fields) -> Scene:
-        document = Gltf()
-        return single_ball(folder, document, document.matte([0.2, 0.2, 0.2, 1.0], **fields(document)))
-
-
 @scene("vertex_grey")
 def vertex_grey(folder: Path) -> Scene:
     document = Gltf()
@@ -391,35 +370,56 @@ def normal_map() -> np.ndarray:
     return np.round(127.5 * (normal + 1)).astype(np.uint8)
 
 
-MAPS: Final[dict[str, Callable[[Gltf], dict[str, Any]]]] = {
-    "normal": lambda document: {"normalTexture": document.texture(normal_map(), scale=0.8)},
-    "metallic_roughness": lambda document: {
-        "pbrMetallicRoughness": {
-            "baseColorFactor": [0.8, 0.6, 0.3, 1.0],
-            "metallicRoughnessTexture": document.texture(gradient(64)[..., [2, 0, 1]]),
-        }
-    },
-    "occlusion": lambda document: {
-        "pbrMetallicRoughness": {"metallicFactor": 0.0},
-        "occlusionTexture": document.texture(BOARD, strength=0.7),
-    },
-    "all": lambda document: {
-        "pbrMetallicRoughness": {
-            "baseColorTexture": document.texture(BOARD),
-            "metallicRoughnessTexture": document.texture(gradient(64)[..., [2, 0, 1]]),
+GREY, MIXED = [0.2, 0.2, 0.2, 1.0], gradient(64)[..., [2, 0, 1]]
+BALLS: Final[dict[str, Callable[[Gltf], int]]] = {
+    "emissive_factor": lambda d: d.matte(GREY, emissiveFactor=[0.5, 0.3, 0.0]),
+    "emissive_texture": lambda d: d.matte(GREY, emissiveFactor=[0.5, 1.0, 0.3], emissiveTexture=d.texture(BOARD)),
+    "emissive_strength": lambda d: d.matte(
+        GREY,
+        emissiveFactor=[0.2, 0.2, 0.2],
+        emissiveTexture=d.texture(BOARD),
+        extensions={"KHR_materials_emissive_strength": {"emissiveStrength": 3.0}},
+    ),
+    "maps_normal": lambda d: d.material(normalTexture=d.texture(normal_map(), scale=0.8)),
+    "maps_metallic_roughness": lambda d: d.material(
+        pbrMetallicRoughness={"baseColorFactor": [0.8, 0.6, 0.3, 1.0], "metallicRoughnessTexture": d.texture(MIXED)}
+    ),
+    "maps_occlusion": lambda d: d.matte(occlusionTexture=d.texture(BOARD, strength=0.7)),
+    "maps_all": lambda d: d.material(
+        pbrMetallicRoughness={"baseColorTexture": d.texture(BOARD), "metallicRoughnessTexture": d.texture(MIXED)},
+        normalTexture=d.texture(normal_map()),
+        occlusionTexture=d.texture(gradient(64), strength=0.7),
+        emissiveTexture=d.texture(checkers(64, 32, (0, 0, 0), (0, 60, 120))),
+        emissiveFactor=[1.0, 1.0, 1.0],
+    ),
+    "unlit": lambda d: d.material(
+        pbrMetallicRoughness={"baseColorFactor": [0.7, 0.3, 0.2, 1.0]}, extensions={"KHR_materials_unlit": {}}
+    ),
+    "texture_transform": lambda d: d.matte(
+        texture=d.texture(
+            gradient(64),
+            extensions={"KHR_texture_transform": {"scale": [2.0, 3.0], "offset": [0.2, 0.1], "rotation": 0.4}},
+        )
+    ),
+    # An extension that VTK ignores, and whose colour is no label.
+    "specular_glossiness": lambda d: d.matte(
+        [0.9, 0.4, 0.1, 1.0],
+        extensions={
+            "KHR_materials_pbrSpecularGlossiness": {
+                "diffuseFactor": [0.2, 0.4, 0.9, 1.0],
+                "specularFactor": [0.5, 0.5, 0.5],
+                "glossinessFactor": 0.9,
+            }
         },
-        "normalTexture": document.texture(normal_map()),
-        "occlusionTexture": document.texture(gradient(64), strength=0.7),
-        "emissiveTexture": document.texture(checkers(64, 32, (0, 0, 0), (0, 60, 120))),
-        "emissiveFactor": [1.0, 1.0, 1.0],
-    },
+    ),
 }
-for _name, _fields in MAPS.items():
+for _name, _make in BALLS.items():
 
-    @scene(f"maps_{_name}")
-    def _maps(folder: Path, fields: Callable[[Gltf], dict[str, Any]] = _fields) -> Scene:
+    @scene(_name)
+    def _ball(folder: Path, name: str = _name, make: Callable[[Gltf], int] = _make) -> Scene:
         document = Gltf()
-        return single_ball(folder, document, document.material(**fields(document)), size=(320, 240))
+        size = (320, 240) if name.startswith("maps_") else SMALL
+        return single_ball(folder, document, make(document), size=size)
 
 
 @scene("materials_metal_and_rough")
@@ -430,23 +430,6 @@ def materials_metal_and_rough(folder: Path) -> Scene:
         mesh = document.mesh(*sphere(0.12), document.material(pbrMetallicRoughness=pbr))
         document.node(mesh, translation=[-0.42 + 0.28 * i, 0.0, 0.0])
     return Scene([Body(gltf(folder, document))])
-
-
-@scene("unlit")
-def unlit(folder: Path) -> Scene:
-    document = Gltf()
-    pbr = {"baseColorFactor": [0.7, 0.3, 0.2, 1.0]}
-    material = document.material(pbrMetallicRoughness=pbr, extensions={"KHR_materials_unlit": {}})
-    return single_ball(folder, document, material)
-
-
-@scene("texture_transform")
-def texture_transform(folder: Path) -> Scene:
-    document = Gltf()
-    document.use("KHR_texture_transform")
-    transform = {"KHR_texture_transform": {"scale": [2.0, 3.0], "offset": [0.2, 0.1], "rotation": 0.4}}
-    material = document.matte(texture=document.texture(gradient(64), extensions=transform))
-    return single_ball(folder, document, material)
 
 
 @scene("second_texcoord")
@@ -550,15 +533,6 @@ def blended_texture_before_gltf_floor(folder: Path) -> Scene:
     floor.node(floor.mesh(*quad(0.6, 0.6), floor.matte()))
     bodies = [Body(gltf(folder, film, "film"), (0, 0, 0)), Body(gltf(folder, floor, "floor"), (0.1, 0.2, 0.1))]
     return Scene([BEHIND, *bodies])
-
-
-@scene("specular_glossiness")
-def specular_glossiness(folder: Path) -> Scene:
-    """An extension that VTK ignores, and whose colour is no label."""
-    document = Gltf()
-    glossiness = {"diffuseFactor": [0.2, 0.4, 0.9, 1.0], "specularFactor": [0.5, 0.5, 0.5], "glossinessFactor": 0.9}
-    extensions = {"KHR_materials_pbrSpecularGlossiness": glossiness}
-    return single_ball(folder, document, document.matte([0.9, 0.4, 0.1, 1.0], extensions=extensions))
 
 
 @scene("skin_and_morph_target")

@@ -1,7 +1,5 @@
 """An application with the render endpoint only, and a renderer that tests can watch, hold and break."""
 
-from __future__ import annotations
-
 import json
 import os
 import threading

@@ -1,7 +1,5 @@
 """The camera of a request: its near plane, and the rigid part of its node's transform."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 from typing import Any

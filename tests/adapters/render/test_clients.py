@@ -4,8 +4,6 @@ Found in live traffic of Drake 1.51.1 and 1.58.0 and in the tests of drake-blend
 labels and depth.
 """
 
-from __future__ import annotations
-
 import asyncio
 import base64
 import json

@@ -4,8 +4,6 @@ Each body is posted byte for byte with its recorded headers. The measurements ar
 tests.
 """
 
-from __future__ import annotations
-
 import json
 import time
 

@@ -1,7 +1,5 @@
 """The render endpoint over HTTP: images, errors, and its description."""
 
-from __future__ import annotations
-
 import json
 import logging
 from pathlib import Path

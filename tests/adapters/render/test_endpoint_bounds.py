@@ -1,7 +1,5 @@
 """Limits of the render endpoint: bodies, queue, deadlines, disconnected clients."""
 
-from __future__ import annotations
-
 import asyncio
 from collections.abc import AsyncIterator
 from pathlib import Path

@@ -1,7 +1,5 @@
 """The folder of failed requests: names, descriptions, limits."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 from typing import Any

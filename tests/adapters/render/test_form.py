@@ -1,7 +1,5 @@
 """Forms of Drake's and other clients, and errors for invalid ones."""
 
-from __future__ import annotations
-
 import dataclasses
 import hashlib
 import math

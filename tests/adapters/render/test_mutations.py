@@ -1,7 +1,5 @@
 """Mutated requests: the response is an image or an error, never a 500, a hang, or unlimited memory."""
 
-from __future__ import annotations
-
 import asyncio
 import json
 from collections.abc import Iterator

@@ -1,7 +1,5 @@
 """The scene cache, depth conversion and antialiasing."""
 
-from __future__ import annotations
-
 import hashlib
 import json
 from typing import Any

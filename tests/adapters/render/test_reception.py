@@ -1,7 +1,5 @@
 """The render endpoint on a real port: bodies in pieces, disconnects, stalls, memory."""
 
-from __future__ import annotations
-
 import asyncio
 import gc
 import gzip

@@ -1,7 +1,5 @@
 """Analytic depth images of a plane and a sphere, from a camera at any x of the left camera's frame."""
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import NDArray
 

@@ -1,7 +1,5 @@
 """Camera images of rendered arrays."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from typing import Final
 

@@ -1,7 +1,5 @@
 """Fixtures: a running stereo camera with a small scene, and a client."""
 
-from __future__ import annotations
-
 import asyncio
 import logging
 from collections.abc import AsyncIterator, Awaitable, Callable, Iterator

@@ -1,7 +1,5 @@
 """Closed rooms with plain or textured walls of albedo 0.5, and what a stereo camera measures of each wall."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Small scenes and a camera pose."""
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import NDArray
 

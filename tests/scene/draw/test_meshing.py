@@ -319,14 +319,8 @@ any_float = st.one_of(
 )
 triples = st.tuples(any_float, any_float, any_float)
 any_line = st.builds(
-    lambda points, radius, closed, start, end, head_radius, head_length: Line(
-        np.clip(np.array(points, np.float64).reshape(-1, 3), -3e38, 3e38).astype(np.float32),
-        radius,
-        closed,
-        start,
-        end,
-        head_radius,
-        head_length,
+    lambda points, *others: Line(
+        np.clip(np.array(points, np.float64).reshape(-1, 3), -3e38, 3e38).astype(np.float32), *others
     ),
     st.lists(triples, max_size=6),
     any_float,
@@ -336,13 +330,9 @@ any_line = st.builds(
     any_float,
     st.none() | any_float,
 )
-any_shape = st.one_of(
-    solids(any_float),
-    any_line,
-)
 
 
-@given(any_shape)
+@given(solids(any_float) | any_line)
 @settings(deadline=None, max_examples=400)
 def test_no_value_raises_and_every_mesh_is_well_formed(shape: Any) -> None:
     for mesh, _, matrix in meshes_of(shape, MATERIAL):

@@ -1,7 +1,5 @@
 """Parameters of the device: ranges, types and what they mean for the stream."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import pytest

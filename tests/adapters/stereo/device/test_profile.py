@@ -1,7 +1,5 @@
 """Camera profiles: shipped ones, a user's, and errors."""
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """Settings of the stereo camera."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

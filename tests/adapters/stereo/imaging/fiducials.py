@@ -1,7 +1,5 @@
 """Ranges of flat patterns in camera images against ideal images of the same pose, with OpenCV's detectors."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import Any, Final
 

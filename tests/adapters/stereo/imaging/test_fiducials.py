@@ -1,7 +1,5 @@
 """Ranges of fiducials in camera images against ideal images of the same pose, with OpenCV's detectors."""
 
-from __future__ import annotations
-
 from typing import Final
 
 import pytest

@@ -1,7 +1,5 @@
 """Sensor, projector and matching on arrays."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """What an exposure shows: scene and pose that were valid at its own timestamp, however late they are read."""
 
-from __future__ import annotations
-
 import threading
 import time
 

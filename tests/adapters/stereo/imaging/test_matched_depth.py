@@ -1,7 +1,5 @@
 """Matched depth images: which images are matched, and how their results are joined. The matcher is a fake."""
 
-from __future__ import annotations
-
 from functools import partial
 from typing import Any
 

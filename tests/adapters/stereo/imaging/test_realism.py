@@ -1,7 +1,5 @@
 """Camera images with and without the parts of ``--stereo-realism``."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

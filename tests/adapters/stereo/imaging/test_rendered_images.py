@@ -1,7 +1,5 @@
 """Depth, disparity and shading of rendered scenes: every model, every quality."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from typing import Any
 

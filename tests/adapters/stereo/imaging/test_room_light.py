@@ -1,7 +1,5 @@
 """Light in closed rooms: the camera's lamp, sky and ground, the projector, and lights of the scene."""
 
-from __future__ import annotations
-
 import json
 import math
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """Motion blur of moving boxes and of a moving camera."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

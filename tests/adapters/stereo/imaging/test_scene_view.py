@@ -1,7 +1,5 @@
 """Scene and pose of the stereo camera in the live tree."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from gateway.adapters.stereo.device.camera_config import StereoConfig

@@ -1,7 +1,5 @@
 """Colour and depth of an RGB-D camera: in the stream and over HTTP."""
 
-from __future__ import annotations
-
 import io
 from itertools import count
 from typing import Any

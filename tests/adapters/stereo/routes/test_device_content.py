@@ -1,7 +1,5 @@
 """Values of the device's status, services and system information, and several cameras in one gateway."""
 
-from __future__ import annotations
-
 import time
 from typing import Any
 
@@ -129,10 +127,3 @@ async def test_the_pipeline_of_a_request(start: Start) -> None:
             assert (response.status_code, response.json()["message"]) == (404, "there is no pipeline 2")
             assert (await rest.request(method, f"/stereo/{path}?pipeline=-1")).status_code == 422
         assert (await rest.post("/stereo/faults/disconnect")).json() == {"streams": 0}
-        paths: dict[str, Any] = (await rest.get("/openapi.json")).json()["paths"]
-        documented = {method: set(paths["/stereo/faults"][method]["responses"]) for method in ("get", "put", "delete")}
-        assert documented == {
-            "get": {"200", "403", "404", "422"},
-            "put": {"200", "400", "403", "404", "413", "422"},
-            "delete": {"200", "403", "404", "422"},
-        }

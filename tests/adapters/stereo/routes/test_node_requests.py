@@ -1,7 +1,5 @@
 """Values in queries and bodies of the node routes, and how the routes are described."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import httpx2 as httpx
@@ -67,6 +65,8 @@ async def test_documented_statuses(rest_client: httpx.AsyncClient) -> None:
         ("put", "/api/v2/system/time", {"400", "403"}),
         ("get", "/stereo/truth.npz", {"400", "404", "503"}),
         ("put", "/stereo/faults", {"400", "403", "404", "413"}),
+        ("get", "/stereo/faults", {"403", "404"}),
+        ("delete", "/stereo/faults", {"403", "404"}),
     ):
         assert set(paths[path][method]["responses"]) - {"200", "422"} == statuses, (method, path)
 

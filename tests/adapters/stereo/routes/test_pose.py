@@ -1,7 +1,5 @@
 """The place of a camera over HTTP."""
 
-from __future__ import annotations
-
 import numpy as np
 from fastapi import FastAPI
 from fastapi.testclient import TestClient

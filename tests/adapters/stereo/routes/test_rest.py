@@ -1,7 +1,5 @@
 """The device's REST interface."""
 
-from __future__ import annotations
-
 import io
 import math
 import time

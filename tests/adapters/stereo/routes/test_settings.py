@@ -1,8 +1,5 @@
 """``rc_measure``, and the device's settings below ``/system``."""
 
-from __future__ import annotations
-
-import asyncio
 import time
 from typing import Any
 
@@ -12,7 +9,6 @@ import numpy as np
 import pytest
 
 from gateway.adapters.stereo.routes.device_content import node_status
-from scenegate.camera import image_interface_pb2 as pb
 from tests.adapters.stereo.conftest import Camera, Start
 
 SYSTEM, NODES = "/api/v2/system", "/api/v2/pipelines/0/nodes"
@@ -110,18 +106,11 @@ async def test_the_time_of_timestamps(rest_client: httpx.AsyncClient, camera: Ca
 
 
 async def test_a_reboot_ends_streams(rest_client: httpx.AsyncClient, camera: Camera) -> None:
-    target = f"127.0.0.1:{camera.service.port}"
-    async with grpc.aio.insecure_channel(target) as channel:
-        open_stream = channel.unary_stream(
-            "/ImageInterface/StreamImageSets", request_serializer=pb.ImageSetRequest.SerializeToString
-        )
-        stream = open_stream(pb.ImageSetRequest())
-        await stream.read()
-        before = camera.service.started
-        assert (await rest_client.put(f"{SYSTEM}/reboot")).status_code == 200
-        async with asyncio.timeout(10):
-            assert await stream.code() == grpc.StatusCode.UNAVAILABLE
-        assert before < camera.service.started <= time.time()
+    stream, before = camera.stream(), camera.service.started
+    await stream.read()
+    assert (await rest_client.put(f"{SYSTEM}/reboot")).status_code == 200
+    assert await stream.code() == grpc.StatusCode.UNAVAILABLE
+    assert before < camera.service.started <= time.time()
     await camera.take(left_enabled=True)
 
 

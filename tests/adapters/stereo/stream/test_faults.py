@@ -1,7 +1,5 @@
 """Fault injection over REST, if the operator permits it."""
 
-from __future__ import annotations
-
 import asyncio
 from functools import partial
 
@@ -95,19 +93,12 @@ async def test_streams_are_cut(camera: Camera, rest_client: httpx.AsyncClient) -
     await camera.take(1, left_enabled=True)
 
 
-async def test_frozen_and_wrong_clocks(camera: Camera, rest_client: httpx.AsyncClient) -> None:
+async def test_a_frozen_clock(camera: Camera, rest_client: httpx.AsyncClient) -> None:
     await rest_client.put("/stereo/faults", json={"clock_frozen": True})
     call = camera.stream(disparity_enabled=True, left_enabled=True)
     sets = [await call.read() for _ in range(3)]
     assert len({nanoseconds(image_set.timestamp) for image_set in sets}) == 1
     assert len({image_set.left.data for image_set in sets}) == 3
-    call.cancel()
-    await rest_client.put("/stereo/faults", json={"clock_offset": -1.0})
-    call = camera.stream(left_enabled=True)
-    offset_timestamp = nanoseconds((await call.read()).timestamp)
-    assert offset_timestamp != nanoseconds(sets[0].timestamp)
-    assert 0 <= offset_timestamp < 5 * 10**9
-    assert offset_timestamp % 40_000_000 == 0
 
 
 @pytest.mark.parametrize(

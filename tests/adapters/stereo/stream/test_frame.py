@@ -1,7 +1,5 @@
 """Sets of one frame for several kinds of requests."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """Counters and errors of frames that are made."""
 
-from __future__ import annotations
-
 import asyncio
 from dataclasses import dataclass, field
 from types import SimpleNamespace

@@ -1,7 +1,5 @@
 """Due times and timestamps of frames, and the scheduler's waits."""
 
-from __future__ import annotations
-
 import asyncio
 from dataclasses import replace
 

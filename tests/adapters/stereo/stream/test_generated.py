@@ -1,7 +1,5 @@
 """The committed protobuf classes equal protoc's output for protos/image_interface.proto."""
 
-from __future__ import annotations
-
 import subprocess
 import sys
 from pathlib import Path

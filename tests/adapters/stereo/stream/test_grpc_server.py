@@ -1,7 +1,5 @@
 """gRPC server: health, reflection, TLS, errors."""
 
-from __future__ import annotations
-
 import asyncio
 from pathlib import Path
 

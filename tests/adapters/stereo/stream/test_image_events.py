@@ -1,7 +1,5 @@
 """Image events: sent when the images of a depth frame are captured."""
 
-from __future__ import annotations
-
 import asyncio
 from typing import TypeAlias
 

@@ -1,7 +1,5 @@
 """Kinds of requests, and serialised messages against protobuf."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Values exactly at their limits, and limits of the second of two components."""
 
-from __future__ import annotations
-
 import itertools
 from pathlib import Path
 

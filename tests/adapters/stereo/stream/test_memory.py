@@ -1,7 +1,5 @@
 """Memory of clients that do not read, in a server process that sends zeros."""
 
-from __future__ import annotations
-
 import asyncio
 import platform
 import sys

@@ -1,7 +1,5 @@
 """Image stream of one client."""
 
-from __future__ import annotations
-
 import asyncio
 import time
 from types import MappingProxyType

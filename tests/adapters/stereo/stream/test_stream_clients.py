@@ -1,7 +1,5 @@
 """Image stream of several clients: disconnects, slow clients, new clients, limits."""
 
-from __future__ import annotations
-
 import asyncio
 import random
 import threading

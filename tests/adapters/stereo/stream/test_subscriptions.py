@@ -1,7 +1,5 @@
 """Mailboxes of subscriptions, without a server."""
 
-from __future__ import annotations
-
 import asyncio
 import weakref
 from contextlib import ExitStack
@@ -18,37 +16,9 @@ from gateway.adapters.stereo.stream.subscriptions import (
     StreamError,
     Subscription,
 )
-from tests.support.waiting import SECONDS
 
 LEFT = SetKind(left=True)
 DEPTH = SetKind(disparity=True)
-
-
-async def test_unsubscribing_wakes_the_producer() -> None:
-    hub = ImageSetHub(4, 4)
-    with hub.subscribe(LEFT) as staying, ExitStack() as other:
-        leaving = other.enter_context(hub.subscribe(LEFT))
-        hub.publish(LEFT, 1, b"set")
-        await staying.get()
-
-        async def produce() -> None:
-            while True:
-                hub.scheduler_wakeup.clear()
-                if len(hub) and not hub.kinds_with_mailbox(MailboxState.FULL):
-                    hub.publish(LEFT, 2, b"next")
-                    return
-                await hub.scheduler_wakeup.wait()
-
-        producer = asyncio.create_task(produce())
-        next_set = asyncio.create_task(staying.get())
-        for _ in range(5):
-            await asyncio.sleep(0)
-        assert leaving.state is MailboxState.FULL
-        assert not producer.done()
-        other.close()
-        async with asyncio.timeout(SECONDS):
-            await producer
-            assert await next_set == b"next"
 
 
 async def test_mailbox_holds_the_newest_set_and_counts_replaced_and_overtaken_ones() -> None:

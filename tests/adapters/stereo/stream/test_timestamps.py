@@ -1,7 +1,5 @@
 """Timestamps as text, and the frames that they name."""
 
-from __future__ import annotations
-
 from functools import partial
 from typing import Any
 

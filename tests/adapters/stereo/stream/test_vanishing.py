@@ -1,7 +1,5 @@
 """Clients that disconnect while a message is written."""
 
-from __future__ import annotations
-
 import asyncio
 from typing import Any
 
