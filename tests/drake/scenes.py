@@ -343,24 +343,6 @@ def mirrored_node_double_sided(folder: Path) -> Scene:
     return mirrored_and_plain(folder, document, material, [1.0, -1.0, 1.0])
 
 
-@scene("vertex_grey")
-def vertex_grey(folder: Path) -> Scene:
-    document = Gltf()
-    attributes, indices = quad()
-    attributes["COLOR_0"] = np.full((4, 3), 0.5)
-    document.node(document.mesh(attributes, indices, document.matte()))
-    return Scene([Body(gltf(folder, document))])
-
-
-@scene("vertex_colors_alpha")
-def vertex_colors_alpha(folder: Path) -> Scene:
-    document = Gltf()
-    attributes, indices = quad()
-    attributes["COLOR_0"] = np.array([[1, 0, 0, 1], [0, 1, 0, 0.7], [0, 0, 1, 0.4], [1, 1, 1, 0.1]])
-    document.node(document.mesh(attributes, indices, document.matte(alphaMode="BLEND")))
-    return before_box(folder, document)
-
-
 def normal_map() -> np.ndarray:
     x = np.linspace(0, 8 * np.pi, 128)
     slope = 0.5 * np.cos(x)
@@ -432,14 +414,29 @@ def materials_metal_and_rough(folder: Path) -> Scene:
     return Scene([Body(gltf(folder, document))])
 
 
-@scene("second_texcoord")
-def second_texcoord(folder: Path) -> Scene:
-    document = Gltf()
-    attributes, indices = quad()
-    attributes["TEXCOORD_1"] = attributes["TEXCOORD_0"] * 2.0
-    material = document.matte(texture=document.texture(BOARD, texCoord=1))
-    document.node(document.mesh(attributes, indices, material))
-    return Scene([Body(gltf(folder, document))])
+CORNER_COLORS = np.array([[1, 0, 0, 1], [0, 1, 0, 0.7], [0, 0, 1, 0.4], [1, 1, 1, 0.1]])
+QUADS: Final[dict[str, tuple[dict[str, np.ndarray], Callable[[Gltf], int], tuple[Body, ...]]]] = {
+    "vertex_grey": ({"COLOR_0": np.full((4, 3), 0.5)}, lambda d: d.matte(), ()),
+    "vertex_colors_alpha": ({"COLOR_0": CORNER_COLORS}, lambda d: d.matte(alphaMode="BLEND"), (BEHIND,)),
+    "second_texcoord": (
+        {"TEXCOORD_1": quad()[0]["TEXCOORD_0"] * 2.0},
+        lambda d: d.matte(texture=d.texture(BOARD, texCoord=1)),
+        (),
+    ),
+    "grey_alpha": ({}, lambda d: d.matte(texture=d.texture(PRIMITIVE_TEXTURES["grey_alpha"])), (BEHIND,)),
+    "sixteen_bits": ({}, lambda d: d.matte(texture=d.texture(gradient(64).astype(np.uint16) * 257)), (BEHIND,)),
+}
+for _name, _quad in QUADS.items():
+
+    @scene(_name)
+    def _one_quad(
+        folder: Path, given: tuple[dict[str, np.ndarray], Callable[[Gltf], int], tuple[Body, ...]] = _quad
+    ) -> Scene:
+        more, material, behind = given
+        document = Gltf()
+        attributes, indices = quad()
+        document.node(document.mesh(attributes | more, indices, material(document)))
+        return Scene([*behind, Body(gltf(folder, document))])
 
 
 @scene("back_faces")
@@ -497,19 +494,6 @@ def without_material(folder: Path) -> Scene:
     document.node(0)
     mesh = gltf(folder, document)
     return Scene([BEHIND, *(Body(mesh, (x, 0, 0)) for x in (-0.35, 0.0, 0.35))])
-
-
-FORMATS: Final = {
-    "grey_alpha": PRIMITIVE_TEXTURES["grey_alpha"],
-    "sixteen_bits": gradient(64).astype(np.uint16) * 257,
-}
-for _name, _pixels in FORMATS.items():
-
-    @scene(_name)
-    def _format(folder: Path, pixels: np.ndarray = _pixels) -> Scene:
-        document = Gltf()
-        document.node(document.mesh(*quad(), document.matte(texture=document.texture(pixels))))
-        return before_box(folder, document)
 
 
 @scene("blended_gltf_before_gltf_floor")

@@ -4,9 +4,7 @@ from typing import Any
 
 import pytest
 
-from gateway.adapters.treeviewer.config import TreeViewerConfig
 from gateway.adapters.treeviewer.protocol import REQUEST, RESPONSE
-from gateway.runtime.lcm.config import LcmConfig
 from scenegate.lcm import udpm_socket
 from tests.adapters.treeviewer import recordings
 from tests.adapters.treeviewer.conversation import ONE_BOX, decoded
@@ -108,28 +106,9 @@ async def test_loses_nothing_of_a_burst(url: str) -> None:
 
 
 @pytest.mark.lcm
-async def test_raises_the_receive_buffer_or_names_the_sysctl(url: str) -> None:
-    wanted = 8 * 1024 * 1024
-    async with serving(config_of(url), receive_buffer_bytes=wanted) as service:
-        status = service.status()["lcm"]
-        assert status["url"] == url
-        if status["receive_buffer_bytes"] < wanted:
-            assert f"sysctl -w net.core.rmem_max={wanted}" in status["warning"]
-        else:
-            assert "warning" not in status
-
-
-@pytest.mark.lcm
 async def test_warns_about_a_small_receive_buffer(url: str, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(udpm_socket, "raise_receive_buffer", lambda sock, size: 212_992)
     monkeypatch.setattr(udpm_socket, "system_limit", lambda: 212_992)
     async with serving(config_of(url)) as service:
         warning = service.status()["lcm"]["warning"]
         assert all(part in warning for part in ("212992 bytes instead of 67108864", "net.core.rmem_max=67108864"))
-
-
-@pytest.mark.lcm
-async def test_uses_lcm_default_url(url: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv("LCM_DEFAULT_URL", url)
-    async with serving(TreeViewerConfig(lcm=LcmConfig(url=None, tcpq_port=None))) as service:
-        assert service.status()["lcm"]["url"] == url

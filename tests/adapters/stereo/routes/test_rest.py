@@ -15,12 +15,10 @@ from hypothesis import strategies as st
 
 from gateway.adapters.stereo.device.parameter_specs import NODES, Spec
 from gateway.adapters.stereo.device.parameters import ParameterError, Parameters
-from gateway.adapters.stereo.device.profile import read_profile
 from gateway.adapters.stereo.device.timestamps import timestamp_text
 from gateway.adapters.stereo.routes.device_content import node_status
-from gateway.adapters.stereo.routes.node_routes import node_router
 from renderers.stereo.model import StereoModel
-from tests.adapters.stereo.conftest import Camera, Start, http_client, nanoseconds, pixels
+from tests.adapters.stereo.conftest import Camera, Start, nanoseconds, pixels
 
 V2 = "/api/v2/pipelines/0/nodes"
 SPECS = [(node, spec) for node, specs in NODES.items() for spec in specs.values()]
@@ -221,29 +219,6 @@ async def test_parameters_act_on_the_stream(rest_client: httpx.AsyncClient, came
     assert (e[d > 0] / 16 * focal_times_baseline / (d[d > 0] / 16) ** 2).max() <= 0.01 + 1e-9
 
 
-async def test_the_depth_range_at_full_quality_is_limited_by_memory(start: Start) -> None:
-    camera = await start(model=read_profile("rc_visard_160c").model, rate="max", noise=False)
-    async with http_client(node_router(camera.service)) as rest_client:
-
-        async def range_at(**parameters: object) -> tuple[float, str]:
-            body = [{"name": name, "value": value} for name, value in parameters.items()]
-            assert (await rest_client.put(f"{V2}/rc_stereomatching/parameters", json=body)).status_code == 200
-            values = (await rest_client.get(f"{V2}/rc_stereomatching/status")).json()["values"]
-            return float(values["mindepth"]), values["reduced_depth_range"]
-
-        assert await range_at(quality="High") == (0.4, "0")
-        nearest, reduced = await range_at(quality="Full")
-        # 256 disparities from that of maxdepth on; f t = 1081.472 * 0.16.
-        assert nearest == pytest.approx(173.0355 / (173.0355 / 100 + 256), rel=1e-5)
-        assert reduced == "1"
-        # A smaller maxdepth brings mindepth nearer.
-        assert await range_at(maxdepth=0.9) == (0.4, "0")
-        nearest, reduced = await range_at(maxdepth=2.0)
-        assert 0.4 < nearest < 0.6
-        assert reduced == "1"
-        assert await range_at(mindepth=0.7) == (0.7, "0")
-
-
 @pytest.mark.parametrize("mode", ["matched", "ground_truth"])
 async def test_status_has_the_nearest_measured_depth(start: Start, mode: str) -> None:
     model = StereoModel("small", 320, 240, 0.8449, 0.160, full_max_disparities=30)
@@ -254,7 +229,8 @@ async def test_status_has_the_nearest_measured_depth(start: Start, mode: str) ->
     d = pixels(image_set.disparity.image)
     assert (d > 0).mean() > 0.1
     z = image_set.disparity.image.focal_length * image_set.disparity.baseline / (d[d > 0] * image_set.disparity.scale)
-    assert z.min() >= 0.999 * float(node_status(camera.service, "rc_stereomatching")["values"]["mindepth"]) > 1.3
+    values = node_status(camera.service, "rc_stereomatching")["values"]
+    assert (values["reduced_depth_range"], z.min() >= 0.999 * float(values["mindepth"]) > 1.3) == ("1", True)
 
 
 async def test_truth_of_a_set(rest_client: httpx.AsyncClient, camera: Camera) -> None:
