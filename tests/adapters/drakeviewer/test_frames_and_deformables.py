@@ -107,6 +107,7 @@ NAN = float("nan")
         (geometry(MESH, [*TETRAHEDRON[:2], *[NAN] * 12, *TETRAHEDRON[14:]], string="a"), "4 vertices are not finite"),
         (geometry(MESH, TETRAHEDRON, pose=(*IDENTITY[:6], NAN), string="a"), "the pose of a geometry is not finite"),
     ],
+    ids=["numbers", "vertices", "pose"],
 )
 def test_a_body_that_cannot_be_shown_leaves_the_others(viewer: Viewer, body: bytes, problem: str) -> None:
     assert problem in viewer.problem(DEFORMABLE, deformables(body, geometry(MESH, TETRAHEDRON, string="b")))

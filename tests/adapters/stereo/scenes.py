@@ -15,6 +15,14 @@ def part(shape: Shape, color: tuple[float, float, float], x: float, y: float, z:
     return Part(shape, Material((*color, 1.0), metallic=0.0, roughness=0.8), translation(x, y, z))
 
 
+def scene_of(*parts: Part) -> DrawList:
+    """Return the draw list of parts, each with its number as the label."""
+    edit = TreeEdit(Node())
+    for index, each in enumerate(parts):
+        edit.set_parts((index,), (each,))
+    return flatten(edit.commit(), label_of=lambda path, _: int(path[-1]))
+
+
 def table() -> DrawList:
     """Return a floor, a wall and some solids, about 1 to 3 m in front of ``POSE``."""
     parts = (
@@ -25,10 +33,7 @@ def table() -> DrawList:
         part(Cylinder(0.12, 0.6), (0.3, 0.7, 0.3), 0.6, -0.1, 0.3),
         part(Box((0.1, 0.1, 0.1)), (0.9, 0.8, 0.2), -0.35, 0.1, 0.05),
     )
-    edit = TreeEdit(Node())
-    for index, image_set in enumerate(parts):
-        edit.set_parts(("table", index), (image_set,))
-    return flatten(edit.commit(), label_of=lambda path, _: int(path[-1]))
+    return scene_of(*parts)
 
 
 def dotted_wall() -> DrawList:
@@ -36,10 +41,7 @@ def dotted_wall() -> DrawList:
     y, z = np.meshgrid(np.linspace(-2.0, 2.0, 60), np.linspace(-1.0, 2.0, 60))
     points = np.stack((np.ones(y.size), y.reshape(-1), z.reshape(-1)), axis=1).astype(np.float32)
     cloud = PointCloud(points, {"rgb": np.ones((len(points), 3), np.float32)})
-    edit = TreeEdit(Node())
-    parts = (part(Box((0.1, 20.0, 20.0)), (0.2, 0.2, 0.2), 1.5, 0, 0), part(cloud, (1.0, 1.0, 1.0), 0, 0, 0))
-    edit.set_parts(("wall",), parts)
-    return flatten(edit.commit())
+    return scene_of(part(Box((0.1, 20.0, 20.0)), (0.2, 0.2, 0.2), 1.5, 0, 0), part(cloud, (1.0, 1.0, 1.0), 0, 0, 0))
 
 
 def pose() -> NDArray[np.float64]:

@@ -16,13 +16,13 @@ from gateway.demo.demo_meshes import tile
 from gateway.files.gltf import read_gltf
 from gateway.scene.draw.flatten import flatten
 from gateway.scene.tree.geometry import Part, Surface
-from gateway.scene.tree.nodes import Node, TreeEdit
 from gateway.scene.tree.transforms import translation
 from renderers.drawlist import DrawList, Material
 from renderers.interface import Output
 from renderers.stereo.depth.depth_images import DepthImages
 from renderers.stereo.model import DISPARITY_SCALE
 from renderers.stereo.realism import REALISM_PARTS
+from tests.adapters.stereo.scenes import scene_of
 from tools.calibration.errors import match
 from tools.calibration.samples import Sample, make_sample, renderer
 
@@ -81,7 +81,5 @@ def filled_wall(albedo: float, distance: float) -> float:
     scenes.parameters.set("rc_camera", [("exp_control", "Manual"), ("exp_value", 0.005)])
     material = Material((albedo, albedo, albedo, 1.0), metallic=0.0, roughness=0.8, double_sided=True)
     plate = Part(Surface(tile(30.0, 2)), material, translation(0.0, 0.0, distance))
-    edit = TreeEdit(Node())
-    edit.set_parts(("wall",), (plate,))
-    sample = scenes.sample(flatten(edit.commit()), projector=True)
+    sample = scenes.sample(scene_of(plate), projector=True)
     return filled_and_wrong(sample, match(sample), np.ones(sample.visible.shape, np.bool_))[0]

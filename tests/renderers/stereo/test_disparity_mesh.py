@@ -101,6 +101,14 @@ def test_surfaces_are_cut_at_steps_and_holes() -> None:
     assert (z.max(axis=1) < 1.2).any()
 
 
+@pytest.mark.parametrize(("step", "count", "triangles"), [(32, 9, 8), (33, 6, 4)])
+def test_cells_are_connected_up_to_two_pixels(step: int, count: int, triangles: int) -> None:
+    d = np.full((3, 3), 800, np.uint16)
+    d[2] += step
+    _, vertices, faces = read(disparity_mesh(d, Intrinsics(3, 3, 10.0, 1.5, 1.5), 0.1, MeshOptions()))
+    assert (len(vertices), len(faces)) == (count, triangles)
+
+
 def test_surfaces_of_few_points_are_whole_and_cut_at_steps() -> None:
     k = MODEL.intrinsics(1)
     d = encode(plane(k, 0, 1.5, 0.4, 1.0), k)  # 5.4 pixels from bin to bin

@@ -65,3 +65,19 @@ def test_filled_holes_are_components_inside_the_image_with_even_borders(seed: in
     np.testing.assert_array_equal(images.confidence == 128, expected)
     unfilled = ~expected
     np.testing.assert_array_equal(images.disparity[unfilled], disparity[unfilled])
+
+
+@pytest.mark.parametrize(("pixels", "filled"), [(20, True), (21, False)])
+def test_exactly_five_percent_are_filled(pixels: int, filled: bool) -> None:
+    d = np.full((20, 20), 800, np.uint16)
+    d.reshape(-1)[[20 * (1 + k // 7) + 1 + k % 7 for k in range(pixels)]] = 0
+    assert filtered(d, Filters(seg=0)).disparity.all() == filled
+
+
+@pytest.mark.parametrize(("step", "kept"), [(32, True), (33, False)])
+def test_segments_are_connected_up_to_two_pixels(step: int, kept: bool) -> None:
+    d = np.full((20, 20), 800, np.uint16)
+    d[:4] += step
+    result = filtered(d, Filters(seg=81, fill=0)).disparity
+    assert result[:4].all() == kept
+    assert result[4:].all()

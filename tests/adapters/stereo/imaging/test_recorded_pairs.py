@@ -1,5 +1,6 @@
 """Recorded stereo pairs, from a folder."""
 
+import itertools
 from pathlib import Path
 from typing import Any
 
@@ -94,6 +95,17 @@ def test_impossible_geometry_is_refused(tmp_path: Path, focal: float, baseline: 
     blank = png(np.zeros((64, 64), np.uint8))
     with pytest.raises(ValueError, match=field):
         recorded_pair(tmp_path, blank, blank, focal, baseline)
+
+
+def test_pairs_repeat_and_are_limited_in_pixels(tmp_path: Path) -> None:
+    files = [tmp_path / f"{value}.png" for value in (1, 2, 3, 4)]
+    for value, file in enumerate(files, 1):
+        file.write_bytes(png(np.full((16, 16), value, np.uint8)))
+    pairs = RecordedPairs([(files[0], files[1]), (files[2], files[3])], 0.8, 0.1, 256)
+    views = itertools.product((0, 1, 2), (False, True))
+    assert [pairs.image(number, right=right)[0, 0, 0] for number, right in views] == [1, 2, 3, 4, 1, 2]
+    with pytest.raises(ImageError, match="16x16 .* 255"):
+        RecordedPairs([(files[0], files[1])], 0.8, 0.1, 255)
 
 
 def test_images_have_limits(tmp_path: Path) -> None:

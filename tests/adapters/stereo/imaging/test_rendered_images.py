@@ -17,7 +17,6 @@ from gateway.demo import Demo
 from gateway.files.gltf import read_gltf
 from gateway.scene.draw.flatten import flatten
 from gateway.scene.tree.live import LiveTree
-from gateway.scene.tree.nodes import Node, TreeEdit
 from gateway.scene.tree.transforms import look_at, translation
 from renderers.drawlist import AlphaMode, DrawList, Instance, Material
 from renderers.interface import LookName, Output
@@ -25,7 +24,7 @@ from renderers.primitives import box
 from renderers.raster import CpuRenderer
 from renderers.stereo.model import Quality, StereoModel
 from scenegate.messages.geometry import Sphere
-from tests.adapters.stereo.scenes import part
+from tests.adapters.stereo.scenes import part, scene_of
 from tests.support.corpus import drake_scene
 
 UP = (0.0, 0.0, 1.0)
@@ -74,14 +73,13 @@ def test_depth_from_disparity_equals_rendered_depth(renderer: CpuRenderer, scene
 @pytest.mark.parametrize("look", ["phong", "pbr"])
 def test_both_cameras_have_the_same_light(renderer: CpuRenderer, look: LookName) -> None:
     """The headlight has one direction for both: a matte surface has the same grey in both images."""
-    edit = TreeEdit(Node())
-    edit.set_parts(("ball",), (part(Sphere(0.3), (0.7, 0.6, 0.5), 0.0, 0.0, 0.0),))
+    ball = scene_of(part(Sphere(0.3), (0.7, 0.6, 0.5), 0.0, 0.0, 0.0))
     config = StereoConfig(look=look, noise=False)
     imaging, model = Imaging(config, renderer), config.model
     # The ball's middle half-way between the eyes, at a depth where the disparity is whole pixels.
     depth = model.intrinsics().focal_length * model.baseline / 128.0
     X = look_at((-depth, model.baseline / 2, 0.0), (0.0, model.baseline / 2, 0.0), UP)
-    capture = Capture(0, flatten(edit.commit()), 1, X, 0)
+    capture = Capture(0, ball, 1, X, 0)
     images, depths = [], []
     for x in (0.0, model.baseline):
         frame: Any = imaging.render(capture, x, 1, Output.COLOR | Output.DEPTH)

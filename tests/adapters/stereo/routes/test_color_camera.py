@@ -14,9 +14,7 @@ from numpy.typing import NDArray
 from gateway.adapters.stereo.device.parameter_specs import DeviceLimits
 from gateway.adapters.stereo.imaging.scene_view import SceneState
 from gateway.adapters.stereo.routes.camera_routes import camera_router
-from gateway.scene.draw.flatten import flatten
 from gateway.scene.tree.geometry import Part
-from gateway.scene.tree.nodes import Node, TreeEdit
 from gateway.scene.tree.timeline import TimeError
 from gateway.scene.tree.transforms import translation
 from renderers.drawlist import DrawList, Material
@@ -24,7 +22,7 @@ from renderers.stereo.lens.color_camera import ColorCamera
 from renderers.stereo.model import Intrinsics, Quality
 from scenegate.messages.geometry import Box
 from tests.adapters.stereo.conftest import SMALL, Camera, Start, http_client, pixels
-from tests.adapters.stereo.scenes import pose
+from tests.adapters.stereo.scenes import pose, scene_of
 
 WIDE = Intrinsics(400, 300, 300.0, 200.0, 150.0)
 COLOR_CAMERA = ColorCamera(WIDE, (0.02, 0.0, 0.0))
@@ -36,10 +34,7 @@ RGBD: dict[str, Any] = {
 
 
 def moving_box(x: float) -> DrawList:
-    edit = TreeEdit(Node())
-    box = Box((0.5, 0.2, 3.0))
-    edit.set_parts(("box",), (Part(box, Material((0.9, 0.1, 0.1, 1.0)), translation(0.3, x, 0.2)),))
-    return flatten(edit.commit())
+    return scene_of(Part(Box((0.5, 0.2, 3.0)), Material((0.9, 0.1, 0.1, 1.0)), translation(0.3, x, 0.2)))
 
 
 async def get(camera: Camera, path: str) -> httpx.Response:
