@@ -104,7 +104,7 @@ def test_pairs_repeat_and_are_limited_in_pixels(tmp_path: Path) -> None:
     pairs = RecordedPairs([(files[0], files[1]), (files[2], files[3])], 0.8, 0.1, 256)
     views = itertools.product((0, 1, 2), (False, True))
     assert [pairs.image(number, right=right)[0, 0, 0] for number, right in views] == [1, 2, 3, 4, 1, 2]
-    with pytest.raises(ImageError, match="16x16 .* 255"):
+    with pytest.raises(ImageError, match=r"16x16 .* 255"):
         RecordedPairs([(files[0], files[1])], 0.8, 0.1, 255)
 
 
