@@ -17,6 +17,8 @@ from scenegate.lcm import udpm_socket
 
 _LCM_ADDRESS = ("239.255.76.67", 7667)
 """LCM's default multicast group."""
+_LOOPBACK_SECONDS = 2.0
+"""Maximum time for a connection to this machine itself."""
 _SUFFICIENT_ADDRESSES = 4 << 30
 """Bytes of address space that suffice for most uses."""
 
@@ -32,6 +34,7 @@ def findings(host: str, ports: Mapping[str, tuple[str, int]]) -> Iterator[Findin
     instances: list[RunningInstance] = []
     for flag, (name, port) in ports.items():
         yield _check_port(name, host, port, flag, instances)
+    yield _check_loopback()
     yield _check_multicast()
 
 
@@ -83,13 +86,22 @@ def _check_port(name: str, host: str, port: int, flag: str, instances: list[Runn
     return Finding(f"port {port}", Verdict.OK, f"{name}: free")
 
 
+def _check_loopback() -> Finding:
+    try:
+        with socket.create_server(("127.0.0.1", 0)) as server:
+            socket.create_connection(server.getsockname(), _LOOPBACK_SECONDS).close()
+    except OSError as error:
+        meaning = "No program of this machine reaches Scenegate at 127.0.0.1."
+        return Finding("loopback", Verdict.ERROR, f"127.0.0.1: {error.strerror or error}", meaning, "ip link set lo up")
+    return Finding("loopback", Verdict.OK, "127.0.0.1 accepts connections")
+
+
 def _check_multicast() -> Finding:
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sock:
         try:
             sock.connect(_LCM_ADDRESS)
         except OSError as error:
             meaning = "LCM messages over UDP neither arrive nor leave; TCPQ works."
-            return Finding(
-                "multicast", Verdict.NOTE, f"no route, {error.strerror}", meaning, udpm_socket.ROUTE_COMMANDS
-            )
+            remedy = f"{udpm_socket.ROUTE_COMMANDS}; or, without root, {udpm_socket.HUB_OPTION}"
+            return Finding("multicast", Verdict.NOTE, f"no route, {error.strerror}", meaning, remedy)
         return Finding("multicast", Verdict.OK, f"leaves by {sock.getsockname()[0]}")

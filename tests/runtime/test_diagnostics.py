@@ -103,6 +103,17 @@ def test_a_free_port_is_ok_and_one_that_is_not_allowed_an_error(monkeypatch: pyt
     is_note(finding("port 80", 80), detail, "--http-port PORT, above 1023", Verdict.ERROR)
 
 
+def test_a_loopback_interface_that_is_down_is_an_error(monkeypatch: pytest.MonkeyPatch) -> None:
+    assert finding("loopback").verdict is Verdict.OK
+
+    def unreachable(*_: object) -> NoReturn:
+        raise OSError(errno.ENETUNREACH, os.strerror(errno.ENETUNREACH))
+
+    monkeypatch.setattr(socket, "create_connection", unreachable)
+    row = diagnostics._check_loopback()  # noqa: SLF001 - the ports' rows use connections, too
+    is_note(row, "127.0.0.1: Network is unreachable", "ip link set lo up", Verdict.ERROR)
+
+
 def test_no_route_for_multicast_is_a_note(monkeypatch: pytest.MonkeyPatch) -> None:
     class Unreachable(socket.socket):
         def connect(self, address: Any) -> NoReturn:

@@ -25,7 +25,12 @@ _log = logging.getLogger("scenegate.lcm")
 
 ROUTE_COMMANDS: Final = "sudo ip link set lo multicast on; sudo ip route add 224.0.0.0/4 dev lo"
 """Commands that let multicast pass between the programs of one machine without a network."""
-ROUTE_HINT: Final = f"there may be no route for multicast; on one machine, add one: {ROUTE_COMMANDS}"
+HUB_OPTION: Final = "--lcm-url tcpq://127.0.0.1:7700"
+"""Option with which commands reach the hub of a gateway on this machine, without multicast."""
+ROUTE_HINT: Final = (
+    f"there may be no route for multicast; on one machine, add one: {ROUTE_COMMANDS}; "
+    f"or, without root, use the hub of a gateway: {HUB_OPTION}"
+)
 SELF_TEST_CHANNEL: Final = b"LCM_SELF_TEST"
 """Channel of liblcm's own self test."""
 SELF_TEST_SECONDS: Final = 2.0
