@@ -10,11 +10,11 @@ const RETRY_MS = 2000;
 const MAX_TRIES = 3;
 
 /** Return what a texture shows until it is downloaded; three.js draws black without an image. */
-function placeholder(): THREE.Source<HTMLCanvasElement> {
+function placeholder(): THREE.TextureSource<HTMLCanvasElement> {
   const canvas = Object.assign(document.createElement("canvas"), { width: 1, height: 1 });
   const context = Object.assign(canvas.getContext("2d")!, { fillStyle: "white" });
   context.fillRect(0, 0, 1, 1);
-  return new THREE.Source(canvas);
+  return new THREE.TextureSource(canvas);
 }
 
 export class Textures {
@@ -56,7 +56,7 @@ export class Textures {
   private download(key: string, texture: THREE.Texture, url: string, tries: number): void {
     const again = () => this.byKey.get(key) === texture && this.download(key, texture, url, tries - 1);
     const show = (image: HTMLImageElement) => {
-      const source = new THREE.Source(image);
+      const source = new THREE.TextureSource(image);
       // Replacements that are not yet downloaded show the image, too.
       for (let each: THREE.Texture | undefined = texture; each && !this.downloaded.has(each); each = this.replacements.get(each)) {
         each.dispose(); // the image has another size than the last one
