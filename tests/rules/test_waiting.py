@@ -1,7 +1,8 @@
 """No test waits a short or fixed time: a slow machine is no fault of what is tested.
 
 Every limit is ``tests.support.waiting.SECONDS``, clients of HTTP and WebSockets come from ``tests.support.clients``,
-pages of the browser from ``tests.support.browser``, and a sleep is part of a ``while`` loop that looks at a condition.
+pages of the browser from ``tests.support.browser`` (with a shorter limit), and a sleep is part of a ``while`` loop that
+looks at a condition.
 Where a short time of the product is the subject, the line says why it may be short: ``# short: …``.
 """
 

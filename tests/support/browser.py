@@ -3,12 +3,14 @@
 import shutil
 from collections.abc import Iterator
 from contextlib import contextmanager
-from typing import Any, Self
+from typing import Any, Final, Self
 
 import pytest
 
 from tests.support.waiting import MILLISECONDS, wait_until
 
+PAGE_SECONDS: Final = 120.0
+"""Time limit of a wait in a page: a label that was renamed fails its tests, and leaves the others their time."""
 ARGUMENTS = (
     "--headless",
     "--no-sandbox",
@@ -37,9 +39,9 @@ def chromium() -> Iterator[Any]:
 
 
 def new_page(browser: Any, **options: Any) -> Any:
-    """A page with the time limit of all tests; Playwright's own is 30 s."""
+    """A page with the time limit of pages; Playwright's own is 30 s."""
     page = browser.new_page(**options)
-    page.set_default_timeout(MILLISECONDS)
+    page.set_default_timeout(1000 * PAGE_SECONDS)
     return page
 
 
@@ -48,7 +50,7 @@ def wait_in_page(page: Any, condition: str, *argument: Any) -> None:
 
     Playwright's ``wait_for_function`` evaluates text in the page, which the page's content security policy forbids.
     """
-    wait_until(lambda: page.evaluate(condition, *argument))
+    wait_until(lambda: page.evaluate(condition, *argument), PAGE_SECONDS)
 
 
 class Watched:

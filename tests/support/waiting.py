@@ -25,14 +25,14 @@ async def until(condition: Callable[[], object]) -> None:
             await asyncio.sleep(0)
 
 
-def wait_until(condition: Callable[[], Found]) -> Found:
+def wait_until(condition: Callable[[], Found], seconds: float = SECONDS) -> Found:
     """Return the first true value of a condition that another process or thread changes.
 
     Raises:
-        AssertionError: it has not become true within ``SECONDS``.
+        AssertionError: it has not become true in time.
     """
-    end = time.monotonic() + SECONDS
+    end = time.monotonic() + seconds
     while not (found := condition()):
-        assert time.monotonic() < end, f"the condition still does not hold after {SECONDS:.0f} s"
+        assert time.monotonic() < end, f"the condition still does not hold after {seconds:.0f} s"
         time.sleep(PAUSE)
     return found

@@ -6,8 +6,7 @@ from typing import Any
 import pytest
 
 from tests.adapters.drakeviewer.encoding import SPHERE, contacts, draw, geometry, link, load, point_contact
-from tests.adapters.viewer.page import View, row
-from tests.support import clients
+from tests.adapters.viewer.page import FLAGS, View, hub_url, row
 from tests.support.browser import chromium
 from tests.support.gateway_process import gateway_process
 from tests.support.liblcm import liblcm
@@ -19,14 +18,8 @@ RED, GREEN = (1.0, 0.0, 0.0, 1.0), (0.0, 1.0, 0.0, 1.0)
 @pytest.fixture(scope="module")
 def shown() -> Iterator[tuple[View, Any]]:
     lcm = liblcm()
-    flags = ("--lcm-url", "off", "--grpc-port", "0", "--tcpq-port", "0")
-    with chromium() as browser, gateway_process(*flags) as (_, url):
-        with clients.Client(base_url=url) as http:
-            bus = lcm.LCM(http.get("/healthz").json()["interfaces"]["treeviewer"]["tcpq"]["url"])
-        view = View(browser, url)
-        yield view, bus
-        view.page.close()
-        assert view.faults == []
+    with chromium() as browser, gateway_process(*FLAGS) as (_, url), View(browser, url) as view:
+        yield view, lcm.LCM(hub_url(url))
 
 
 def publish(bus: Any, family: str, x: float, color: tuple[float, ...]) -> None:

@@ -1,5 +1,8 @@
 """A Python model of the page's scene, updated by frames as the page is."""
 
+import asyncio
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -9,10 +12,14 @@ from numpy.typing import NDArray
 from gateway.adapters.viewer.browser import Browser
 from gateway.adapters.viewer.control_frames import ControlFrames
 from gateway.adapters.viewer.encoder import Encoder
+from gateway.adapters.viewer.hub import ViewHub
 from gateway.adapters.viewer.resources import Resources
 from gateway.scene.page.control_store import ControlStore
+from gateway.scene.tree.geometry import Part
 from gateway.scene.tree.live import LiveTree
 from gateway.scene.tree.nodes import Node, Path
+from renderers.drawlist import Material
+from scenegate.messages.geometry import Box
 from tests.support.view_frames import parse_frame
 
 IDENTITY = tuple(np.eye(4).ravel().tolist())
@@ -25,6 +32,27 @@ def body_array(body: memoryview, span: list[int], dtype: str) -> NDArray[Any]:
 def browser_of(encoder: Encoder, resources: Resources) -> Browser:
     """Return a connection to a page without controls."""
     return Browser(encoder, resources, ControlFrames(ControlStore(), LiveTree()), lambda browser: None)
+
+
+@asynccontextmanager
+async def running(hub: ViewHub) -> AsyncIterator[ViewHub]:
+    """Run a hub."""
+    task = asyncio.create_task(hub.run())
+    yield hub
+    task.cancel()
+    await asyncio.gather(task, return_exceptions=True)
+
+
+def box_tree(name: str = "box") -> LiveTree:
+    """Return a tree with one box."""
+    tree = LiveTree()
+    add_box(tree, name)
+    return tree
+
+
+def add_box(tree: LiveTree, name: str) -> None:
+    with tree.edit() as edit:
+        edit.set_parts((name,), (Part(Box((1, 1, 1)), Material()),))
 
 
 @dataclass
@@ -90,16 +118,10 @@ class Model:
             self.nodes[number] = PageNode(entry["name"], entry["parent"])
             self.nodes[entry["parent"]].children.add(number)
         node = self.nodes[number]
-        if "visible" in entry:
-            node.visible = entry["visible"]
-        if "opacity" in entry:
-            node.opacity = entry["opacity"]
-        if "parts" in entry:
-            node.parts = entry["parts"]
-            for part in node.parts or ():
-                assert {draw["mesh"] for draw in part["draws"]} <= self.meshes, (
-                    "a mesh is sent before the nodes that use it"
-                )
+        for name in ("visible", "opacity", "parts"):
+            setattr(node, name, entry.get(name, getattr(node, name)))
+        used = {draw["mesh"] for part in node.parts or () for draw in part["draws"]}
+        assert "parts" not in entry or used <= self.meshes, "a mesh is sent before the nodes that use it"
 
     def tree(self) -> dict[Path, tuple[Any, ...]]:
         """Return (kinds of parts, visible, pose) by path. Names keep their types."""

@@ -11,12 +11,19 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from tests.support import clients
-from tests.support.browser import Watched
+from tests.support.browser import PAGE_SECONDS, Watched
 from tests.support.liblcm import liblcm
-from tests.support.waiting import SECONDS
 
 FINGERPRINT = 0xD368E03F33C568BE
 """robotlocomotion.viewer2_comms_t, as lcm-gen computes it."""
+
+
+FLAGS = ("--lcm-url", "off", "--grpc-port", "0", "--tcpq-port", "0")
+
+
+def hub_url(url: str) -> str:
+    """Return the URL of a gateway's TCPQ hub."""
+    return str(clients.get(f"{url}/healthz").json()["interfaces"]["treeviewer"]["tcpq"]["url"])
 
 
 class Publisher:
@@ -24,9 +31,7 @@ class Publisher:
 
     def __init__(self, url: str) -> None:
         lcm = liblcm()
-        with clients.Client(base_url=url) as http:
-            interfaces = http.get("/healthz").json()["interfaces"]
-        self.url: str = interfaces["treeviewer"]["tcpq"]["url"]
+        self.url = hub_url(url)
         """URL of the gateway's TCPQ hub."""
         self.bus = lcm.LCM(self.url)
         self.sent = 0
@@ -83,6 +88,24 @@ class View(Watched):
             }"""
         )
 
+    def at(self, *point: float) -> tuple[float, float]:
+        """Return the place on the page of a point in the world."""
+        project = """([x, y, z]) => {
+          const { stage, Box3 } = scenegate;
+          const point = new Box3().min.set(x, y, z).sub(scenegate.rig.origin).project(scenegate.rig.camera);
+          const area = stage.canvas.getBoundingClientRect();
+          return [area.left + (point.x + 1) / 2 * area.width, area.top + (1 - point.y) / 2 * area.height];
+        }"""
+        left, top = self.page.evaluate(project, point)
+        return left, top
+
+    def drag(self, x: float, y: float, to_x: float, to_y: float, steps: int = 4) -> None:
+        """Move the mouse from one place on the page to another with its left button pressed."""
+        self.page.mouse.move(x, y)
+        self.page.mouse.down()
+        self.page.mouse.move(to_x, to_y, steps=steps)
+        self.page.mouse.up()
+
     def colors(self) -> NDArray[np.uint8]:
         """Return the pixels of the view without what lies over it, (H, W, 3) uint8."""
         show = """(visibility) => {
@@ -117,9 +140,9 @@ class View(Watched):
 
     def until(self, condition: Any, what: str) -> None:
         """Wait for a condition; SwiftShader draws a few frames per second."""
-        limit = time.monotonic() + SECONDS
+        limit = time.monotonic() + PAGE_SECONDS
         while not condition():
-            assert time.monotonic() < limit, f"{what}: still not so after {SECONDS:.0f} s; faults: {self.faults}"
+            assert time.monotonic() < limit, f"{what}: still not so after {PAGE_SECONDS:.0f} s; faults: {self.faults}"
             self.page.wait_for_timeout(100)
 
 

@@ -3,8 +3,8 @@
 import base64
 import io
 import math
-from collections.abc import Callable, Iterator
-from contextlib import ExitStack, contextmanager
+from collections.abc import Callable
+from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
 from urllib.parse import parse_qs, unquote, urlsplit
@@ -15,11 +15,11 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from gateway.files.gltf import read_gltf
-from tests.adapters.viewer.page import Publisher, View, row
+from tests.adapters.viewer.page import FLAGS, Publisher, View, row
 from tests.support import clients
-from tests.support.browser import chromium, new_page, wait_in_page
+from tests.support.browser import PAGE_SECONDS, new_page, wait_in_page
 from tests.support.forms import CONTENT_TYPE, body, drake_fields, gltf
-from tests.support.gateway_process import GatewayProcess, gateway_process
+from tests.support.gateway_process import gateway_process
 from tests.support.waiting import wait_until
 
 pytestmark = [pytest.mark.browser, pytest.mark.slow]
@@ -32,35 +32,10 @@ STILL = """async () => {
   return where().every((value, i) => Math.abs(value - before[i]) < 1e-6);
 }"""
 """True if the camera did not move for three frames."""
-FLAGS = ("--lcm-url", "off", "--grpc-port", "0")
 RED, GREEN = [1.0, 0.0, 0.0, 1.0], [0.0, 1.0, 0.0, 1.0]
 
 
-@pytest.fixture(scope="module")
-def browser() -> Iterator[Any]:
-    with chromium() as running:
-        yield running
-
-
-@pytest.fixture(scope="module")
-def gateway(browser: Any) -> Iterator[tuple[GatewayProcess, str]]:
-    with gateway_process(*FLAGS, "--tcpq-port", "0") as running:
-        yield running
-
-
-@pytest.fixture
-def view(browser: Any, gateway: tuple[GatewayProcess, str]) -> Iterator[tuple[View, Publisher]]:
-    _, url = gateway
-    publisher = Publisher(url)
-    publisher.send(delete=[{"path": []}])
-    shown = View(browser, url)
-    yield shown, publisher
-    shown.page.close()
-    assert shown.faults == []
-
-
-def test_published_box_appears_moves_and_disappears(view: tuple[View, Publisher]) -> None:
-    shown, publisher = view
+def test_published_box_appears_moves_and_disappears(shown: View, publisher: Publisher) -> None:
     shown.look()
     shown.until(lambda: shown.share("red") == 0.0, "an empty scene")
     publisher.box(["a", "box"], RED, x=-1.0)
@@ -74,8 +49,7 @@ def test_published_box_appears_moves_and_disappears(view: tuple[View, Publisher]
     shown.until(lambda: shown.share("red") == 0.0, "the box is gone")
 
 
-def test_hiding_and_opacity(view: tuple[View, Publisher]) -> None:
-    shown, publisher = view
+def test_hiding_and_opacity(shown: View, publisher: Publisher) -> None:
     publisher.box(["hide", "one"], RED, x=-1.0)
     publisher.box(["hide", "two"], GREEN, x=1.0)
     shown.look_at("hide", "two")
@@ -100,8 +74,11 @@ def png(pixels: Any) -> str:
 
 
 SQUARE = {"vertices": [[-1, 0, -1], [1, 0, -1], [1, 0, 1], [-1, 0, 1]], "faces": [[0, 1, 2], [0, 2, 3]]}
+TEXTURED = {"type": "mesh", **SQUARE, "uv": [[0, 1], [1, 1], [1, 0], [0, 0]]}
+TEXT = {"type": "text", "text": "MM", "size": 1}
 HAIRLINE = {"type": "line", "points": [[-1.5, 0, 0], [1.5, 0, 0]], "radius": 0, "color": RED}
 UPRIGHT = {"quaternion": [0.5**0.5, 0.5**0.5, 0.0, 0.0]}
+STANDING = {"transform": UPRIGHT}
 
 
 @pytest.mark.parametrize(
@@ -109,58 +86,43 @@ UPRIGHT = {"quaternion": [0.5**0.5, 0.5**0.5, 0.0, 0.0]}
     [
         ({"type": "mesh", **SQUARE, "colors": [RED] * 4}, 0.12, 0.4),
         ({"type": "mesh", **SQUARE, "colors": [[1, 0, 0, 0.02]] * 4}, 0.0, 0.0),
-        (
-            {
-                "type": "mesh",
-                **SQUARE,
-                "uv": [[0, 1], [1, 1], [1, 0], [0, 0]],
-                "image": png([[[255, 0, 0], [0, 0, 0]]]),
-            },
-            0.05,
-            0.3,
-        ),
-        ({"type": "image", "image": png([[[255, 0, 0, 255]]]), "width": 2, "transform": UPRIGHT}, 0.12, 0.4),
-        ({"type": "image", "image": png([[[255, 0, 0, 0]]]), "width": 2, "transform": UPRIGHT}, 0.0, 0.0),
-        ({"type": "text", "text": "MM", "size": 1, "color": RED, "transform": UPRIGHT}, 0.01, 0.2),
-        (
-            {"type": "text", "text": "MM", "size": 1, "color": GREEN, "background": RED, "transform": UPRIGHT},
-            0.05,
-            0.2,
-        ),
+        ({**TEXTURED, "image": png([[[255, 0, 0], [0, 0, 0]]])}, 0.05, 0.3),
+        ({"type": "image", "image": png([[[255, 0, 0, 255]]]), "width": 2, **STANDING}, 0.12, 0.4),
+        ({"type": "image", "image": png([[[255, 0, 0, 0]]]), "width": 2, **STANDING}, 0.0, 0.0),
+        ({**TEXT, "color": RED, **STANDING}, 0.01, 0.2),
+        ({**TEXT, "color": GREEN, "background": RED, **STANDING}, 0.05, 0.2),
         (HAIRLINE, 0.0002, 0.005),
         ({**HAIRLINE, "line_width": 60}, 0.04, 0.2),
         ({"type": "pointcloud", "points": [[0, 0, 0]], "color": RED, "point_size": 8}, 0.00003, 0.0005),
         ({"type": "pointcloud", "points": [[0, 0, 0]], "color": RED, "point_size": 256}, 0.05, 0.2),
-        (
-            {"type": "heightmap", "heights": [[0, 0], [0, 0]], "lengths": [2, 2], "color": RED, "transform": UPRIGHT},
-            0.12,
-            0.4,
-        ),
+        ({"type": "heightmap", "heights": [[0] * 2] * 2, "lengths": [2, 2], "color": RED, **STANDING}, 0.12, 0.4),
     ],
     ids=lambda value: value["type"] if isinstance(value, dict) else "",
 )
 def test_images_and_sizes_in_pixels(
-    view: tuple[View, Publisher], geometry: dict[str, Any], low: float, high: float
+    shown: View, publisher: Publisher, geometry: dict[str, Any], low: float, high: float
 ) -> None:
-    shown, publisher = view
     publisher.send(setgeometry=[{"path": ["it"], "geometry": geometry}])
     shown.look_at("it")
     shown.until(lambda: low <= shown.share("red") <= high, f"{low} to {high} of the view in red")
 
 
-def test_textures_of_replaced_and_deleted_images_are_freed(view: tuple[View, Publisher]) -> None:
-    """An image, a text and a textured mesh: 300 updates, then deletes."""
-    shown, publisher = view
+def test_textures_of_replaced_and_deleted_images_are_freed(browser: Any) -> None:
+    """An image, a text and a textured mesh: 45 updates, then deletes. A history would keep them for a minute."""
+    with gateway_process(*FLAGS, "--history-seconds", "0") as (_, url), View(browser, url) as shown:
+        _replace_and_delete_images(shown, Publisher(url))
+
+
+def _replace_and_delete_images(shown: View, publisher: Publisher) -> None:
     page = shown.page
     page.set_viewport_size({"width": 300, "height": 240})
-    square = {"type": "mesh", **SQUARE, "uv": [[0, 1], [1, 1], [1, 0], [0, 0]]}
 
     def publish(count: int) -> None:
         pixels = png(np.full((4, 4, 3), (255, count % 256, 0)))
         for name, geometry in (
             ("image", {"type": "image", "image": pixels, "width": 1, "transform": UPRIGHT}),
             ("text", {"type": "text", "text": str(count), "size": 0.2, "color": GREEN}),
-            ("mesh", {**square, "image": pixels}),
+            ("mesh", {**TEXTURED, "image": pixels}),
         ):
             publisher.send(setgeometry=[{"path": [name], "geometry": geometry}])
 
@@ -182,23 +144,22 @@ def test_textures_of_replaced_and_deleted_images_are_freed(view: tuple[View, Pub
         lambda: drawn()["textures"] == before["textures"] + 4, "three textures, and the one in which they are blended"
     )
     first = drawn()
-    for count in range(1, 101):
+    for count in range(1, 16):
         revision = page.evaluate("scenegate.model.revision")
         publish(count)
         wait_in_page(page, "before => scenegate.model.revision > before", revision)
-    shown.until(lambda: drawn() == first, "three textures after 300 updates")
+    shown.until(lambda: drawn() == first, "three textures after 45 updates")
     publisher.send(delete=[{"path": [name]} for name in ("image", "text", "mesh")])
     shown.until(lambda: drawn() == before, "no texture after the deletes")
 
 
-def test_image_stays_until_the_next_one_is_downloaded(view: tuple[View, Publisher]) -> None:
+def test_image_stays_until_the_next_one_is_downloaded(shown: View, publisher: Publisher) -> None:
     """Late ones are shown until the newest is there: images may be published faster than they are downloaded."""
-    shown, publisher = view
     held: list[Any] = []
 
     def publish(*color: int) -> None:
         pixels = png(np.full((4, 4, 3), color))
-        geometry = {"type": "image", "image": pixels, "width": 2, "transform": UPRIGHT}
+        geometry = {"type": "image", "image": pixels, "width": 2, **STANDING}
         publisher.send(setgeometry=[{"path": ["image"], "geometry": geometry}])
 
     publish(255, 0, 0)
@@ -216,11 +177,8 @@ def test_image_stays_until_the_next_one_is_downloaded(view: tuple[View, Publishe
     shown.until(lambda: shown.share("blue") > 0.1, "the third image")
 
 
-def test_large_coordinates_are_as_precise_as_small_ones(
-    view: tuple[View, Publisher], gateway: tuple[GatewayProcess, str]
-) -> None:
+def test_large_coordinates_are_as_precise_as_small_ones(shown: View, publisher: Publisher, url: str) -> None:
     """A survey grid in metres: boxes of 4 cm, 8 cm apart, are seen apart; details and files have its numbers."""
-    shown, publisher = view
     x, y = 500_000.0, 5_400_000.0
     for number in range(5):
         path = ["far", str(number)]
@@ -259,10 +217,9 @@ def test_large_coordinates_are_as_precise_as_small_ones(
 
 
 @pytest.mark.parametrize("quaternion", [[1.0, 0.0, 0.0, 0.0], [0.5, 0.5, 0.5, 0.5], [0.0, 0.0, 1.0, 0.0]])
-def test_text_faces_the_camera(view: tuple[View, Publisher], quaternion: list[float]) -> None:
+def test_text_faces_the_camera(shown: View, publisher: Publisher, quaternion: list[float]) -> None:
     """A plane would be seen from the edge, or from behind."""
-    shown, publisher = view
-    text = {"type": "text", "text": "MM", "size": 1, "color": GREEN, "background": RED}
+    text = {**TEXT, "color": GREEN, "background": RED}
     publisher.send(setgeometry=[{"path": ["it"], "geometry": {**text, "transform": UPRIGHT}}])
     shown.look_at("it")
     shown.until(lambda: shown.share("red") > 0.05, "the text is shown")
@@ -272,8 +229,7 @@ def test_text_faces_the_camera(view: tuple[View, Publisher], quaternion: list[fl
     shown.until(lambda: 0.05 < shown.share("red") < 0.2, "the turned text looks the same")
 
 
-def test_text_in_other_scripts(view: tuple[View, Publisher]) -> None:
-    shown, publisher = view
+def test_text_in_other_scripts(shown: View, publisher: Publisher) -> None:
 
     def mask(text: str) -> Any:
         """Publish a text; return which pixels of it are green."""
@@ -292,9 +248,8 @@ def test_text_in_other_scripts(view: tuple[View, Publisher]) -> None:
         assert (letters != question).sum() > 0.3 * question.sum(), f"{text} is not drawn as ??"
 
 
-def test_a_large_request_is_shown_at_once(view: tuple[View, Publisher]) -> None:
+def test_a_large_request_is_shown_at_once(shown: View, publisher: Publisher) -> None:
     """No state of the page has some of 5000 boxes, or one without its pose."""
-    shown, publisher = view
     shown.page.set_viewport_size({"width": 300, "height": 240})
     shown.page.evaluate(
         """() => {
@@ -329,24 +284,27 @@ IN_VIEW = """scenegate.model.nodes.size > 1 && [...scenegate.model.nodes.values(
 """True if the places of all nodes are in view."""
 
 
-def test_home_view_follows_the_first_nodes(view: tuple[View, Publisher]) -> None:
-    shown, publisher = view
-    shown.page.evaluate("performance.now = () => 0")  # the first nodes are those of two seconds
+@pytest.mark.parametrize("touched", [False, True])
+def test_home_view_follows_the_first_nodes(shown: View, publisher: Publisher, touched: bool) -> None:
+    """Until two seconds are over, or the visitor has moved it."""
+    shown.page.evaluate("performance.now = () => 0")
     publisher.box(["first"], RED)
     shown.until(lambda: row(shown, ["first"]).count() == 1, "the first node is shown")
     assert shown.page.evaluate(IN_VIEW)
     publisher.box(["second"], GREEN, x=40.0)
     shown.until(lambda: shown.page.evaluate(IN_VIEW) and row(shown, ["second"]).count() == 1, "both are in view")
     where = "scenegate.rig.camera.position.toArray()"
-    shown.page.evaluate("performance.now = () => 2001")
+    if touched:
+        shown.page.locator(".stage canvas").click()
+    else:
+        shown.page.evaluate("performance.now = () => 2001")
     before = shown.page.evaluate(where)
     publisher.box(["later"], GREEN, x=-90.0)
     shown.until(lambda: row(shown, ["later"]).count() == 1, "a later node is shown")
     assert shown.page.evaluate(where) == pytest.approx(before)
 
 
-def test_home_view_fits_a_window_of_another_shape(view: tuple[View, Publisher]) -> None:
-    shown, publisher = view
+def test_home_view_fits_a_window_of_another_shape(shown: View, publisher: Publisher) -> None:
     publisher.box(["left"], RED, x=-20.0)
     publisher.box(["right"], GREEN, x=20.0)
     shown.until(lambda: row(shown, ["right"]).count() == 1, "two nodes far apart")
@@ -360,20 +318,7 @@ def test_home_view_fits_a_window_of_another_shape(view: tuple[View, Publisher]) 
     assert shown.page.evaluate("scenegate.rig.camera.position.toArray()") == pytest.approx(before)
 
 
-def test_home_view_stays_where_the_visitor_moved_it(view: tuple[View, Publisher]) -> None:
-    shown, publisher = view
-    shown.page.evaluate("performance.now = () => 0")
-    publisher.box(["first"], RED)
-    shown.until(lambda: row(shown, ["first"]).count() == 1, "the first node is shown")
-    shown.page.locator(".stage canvas").click()
-    before = shown.page.evaluate("scenegate.rig.camera.position.toArray()")
-    publisher.box(["second"], GREEN, x=40.0)
-    shown.until(lambda: row(shown, ["second"]).count() == 1, "the second node is shown")
-    assert shown.page.evaluate("scenegate.rig.camera.position.toArray()") == pytest.approx(before)
-
-
-def test_code_of_the_empty_scene_is_copied(view: tuple[View, Publisher]) -> None:
-    shown, _ = view
+def test_code_of_the_empty_scene_is_copied(shown: View) -> None:
     shown.page.get_by_role("tab", name="Python").focus()
     shown.page.keyboard.press("ArrowRight")
     assert shown.page.get_by_role("tab", name="A file").evaluate("tab => tab === document.activeElement")
@@ -386,8 +331,7 @@ def test_code_of_the_empty_scene_is_copied(view: tuple[View, Publisher]) -> None
     assert shown.page.evaluate("getSelection().toString()").strip() == code.strip()
 
 
-def test_click_selects_the_node_under_the_pointer(view: tuple[View, Publisher]) -> None:
-    shown, publisher = view
+def test_click_selects_the_node_under_the_pointer(shown: View, publisher: Publisher) -> None:
     publisher.box(["pick", "left"], RED, x=-1.0)
     publisher.box(["pick", "right"], GREEN, x=1.0)
     shown.look_at("pick", "right")
@@ -401,8 +345,7 @@ def test_click_selects_the_node_under_the_pointer(view: tuple[View, Publisher]) 
     assert row(shown, ["pick", "right"]).get_attribute("aria-selected") == "true"
 
 
-def test_search_finds_paths(view: tuple[View, Publisher]) -> None:
-    shown, publisher = view
+def test_search_finds_paths(shown: View, publisher: Publisher) -> None:
     for path in (["demo", "robot", "arm"], ["demo", "table"], ["robot"]):
         publisher.box(path, RED)
     shown.until(lambda: row(shown, ["demo", "table"]).count() == 1, "the tree")
@@ -421,8 +364,7 @@ def test_search_finds_paths(view: tuple[View, Publisher]) -> None:
         assert shown.page.get_by_text(f"No path contains “{text}”.").is_visible() == (not names)
 
 
-def test_tree_is_used_by_keyboard_and_screen_reader(view: tuple[View, Publisher]) -> None:
-    shown, publisher = view
+def test_tree_is_used_by_keyboard_and_screen_reader(shown: View, publisher: Publisher) -> None:
     for path in (["demo", "robot", "arm"], ["demo", "table"], ["last"]):
         publisher.box(path, RED)
     shown.until(lambda: row(shown, ["last"]).count() == 1, "the tree")
@@ -464,8 +406,7 @@ def test_tree_is_used_by_keyboard_and_screen_reader(view: tuple[View, Publisher]
     assert selected.all_inner_texts() == ["last"]
 
 
-def test_selection_survives_delete_and_publish(view: tuple[View, Publisher]) -> None:
-    shown, publisher = view
+def test_selection_survives_delete_and_publish(shown: View, publisher: Publisher) -> None:
     publisher.box(["robot", "arm"], RED)
     shown.wait_for_node("robot", "arm")
     row(shown, ["robot", "arm"]).click()
@@ -489,9 +430,8 @@ def test_selection_survives_delete_and_publish(view: tuple[View, Publisher]) -> 
     assert selected.count() == 0
 
 
-def test_values_of_the_selection_can_be_copied(view: tuple[View, Publisher]) -> None:
+def test_values_of_the_selection_can_be_copied(shown: View, publisher: Publisher) -> None:
     """A selected text stays while the node moves; equal values are not replaced."""
-    shown, publisher = view
     publisher.box(["moving"], RED)
     shown.wait_for_node("moving")
     row(shown, ["moving"]).click()
@@ -508,8 +448,7 @@ def test_values_of_the_selection_can_be_copied(view: tuple[View, Publisher]) -> 
     shown.until(lambda: value.inner_text() == "1.5  0  0", "the new position")
 
 
-def test_disparity_thumbnail_changes(view: tuple[View, Publisher]) -> None:
-    shown, publisher = view
+def test_disparity_thumbnail_changes(shown: View, publisher: Publisher) -> None:
     shown.open_stereo_panel()
     thumb = shown.page.locator("[data-image=disparity] img")
     reading = "image => image.complete && image.naturalWidth > 0 ? image.src : ''"
@@ -530,12 +469,11 @@ def test_disparity_thumbnail_changes(view: tuple[View, Publisher]) -> None:
     shown.page.keyboard.press("Escape")
 
 
-def test_controls_set_the_device_parameters(view: tuple[View, Publisher], gateway: tuple[GatewayProcess, str]) -> None:
-    shown, _ = view
+def test_controls_set_the_device_parameters(shown: View, url: str) -> None:
     shown.open_stereo_panel()
     shown.page.get_by_text("Stereo matching", exact=True).click()
     shown.page.get_by_label("quality", exact=True).select_option("Low")
-    with clients.Client(base_url=gateway[1]) as http:
+    with clients.Client(base_url=url) as http:
         path = "/api/v2/pipelines/0/nodes/rc_stereomatching/parameters/quality"
         shown.until(lambda: http.get(path).json()["value"] == "Low", "the parameter is set")
         assert http.put(path, json={"value": "High"}).status_code == 200
@@ -555,10 +493,7 @@ def test_controls_set_the_device_parameters(view: tuple[View, Publisher], gatewa
         assert http.put(path, json={"value": before["value"]}).status_code == 200
 
 
-def test_the_stereo_camera_is_placed_at_the_view(
-    view: tuple[View, Publisher], gateway: tuple[GatewayProcess, str]
-) -> None:
-    shown, publisher = view
+def test_the_stereo_camera_is_placed_at_the_view(shown: View, publisher: Publisher, url: str) -> None:
     publisher.box(["seen"], RED)
     shown.look_at("seen")
     shown.open_stereo_panel()
@@ -568,7 +503,7 @@ def test_the_stereo_camera_is_placed_at_the_view(
     place = "([eye, target]) => scenegate.rig.place({ eye, target, up: [0, 0, 1] })"
     forward = "scenegate.frustum.object.matrix.elements.slice(8, 11)"
     where = "scenegate.frustum.object.matrix.elements.slice(12, 15)"
-    with clients.Client(base_url=gateway[1]) as http:
+    with clients.Client(base_url=url) as http:
         before = http.get("/cameras/0/pose").json()["pose"]
         for eye, by_key in (([3.0, 0.0, 1.0], True), ([0.0, -4.0, 0.0], False)):
             page.evaluate(place, [eye, [0.0, 0.0, eye[2]]])
@@ -586,11 +521,10 @@ def test_the_stereo_camera_is_placed_at_the_view(
         assert http.put("/cameras/0/pose", params={"pose": before}).status_code == 200
 
 
-def test_render_requests_are_listed(view: tuple[View, Publisher], gateway: tuple[GatewayProcess, str]) -> None:
-    shown, _ = view
+def test_render_requests_are_listed(shown: View, url: str) -> None:
     shown.open_stereo_panel()
     assert shown.page.get_by_role("tab", name="Renders").count() == 0
-    with clients.Client(base_url=gateway[1], headers={"content-type": CONTENT_TYPE}) as http:
+    with clients.Client(base_url=url, headers={"content-type": CONTENT_TYPE}) as http:
         assert http.post("/render", content=body(gltf())).status_code == 200
         assert http.post("/render", content=body(gltf(), drake_fields("depth"))).status_code == 200
         assert http.post("/render", content=body(gltf(), drake_fields(width="none"))).status_code == 400
@@ -605,8 +539,7 @@ def test_render_requests_are_listed(view: tuple[View, Publisher], gateway: tuple
     shown.until(lambda: images.evaluate_all(loaded), "the images")
 
 
-def test_the_light_of_the_view_is_that_of_its_render(view: tuple[View, Publisher]) -> None:
-    shown, publisher = view
+def test_the_light_of_the_view_is_that_of_its_render(shown: View, publisher: Publisher) -> None:
     page = shown.page
     publisher.box(["lit"], RED)
     shown.look_at("lit")
@@ -638,8 +571,7 @@ def test_the_light_of_the_view_is_that_of_its_render(view: tuple[View, Publisher
     shown.until(lambda: "light_" not in page.url, "the address has no light")
 
 
-def test_background_choices(view: tuple[View, Publisher]) -> None:
-    shown, publisher = view
+def test_background_choices(shown: View, publisher: Publisher) -> None:
     publisher.box(["ground"], RED)
     shown.look_at("ground")
     shown.open_display_menu()
@@ -653,9 +585,8 @@ def test_background_choices(view: tuple[View, Publisher]) -> None:
     shown.until(lambda: shown.colors()[5, 5].max() < 64, "the dark theme's own")
 
 
-def test_downloads_show_what_the_page_shows(view: tuple[View, Publisher]) -> None:
+def test_downloads_show_what_the_page_shows(shown: View, publisher: Publisher) -> None:
     """The images have the page's hidden nodes, projection and background; the file has no hidden nodes."""
-    shown, publisher = view
     publisher.box(["take"], RED, x=-1.0)
     publisher.box(["leave", "it"], GREEN, x=1.0)
     shown.look_at("leave", "it")
@@ -690,16 +621,14 @@ def test_downloads_show_what_the_page_shows(view: tuple[View, Publisher]) -> Non
     assert len([path for path, node in read.root.walk() if node.parts]) == 1, "it has the visible box"
 
 
-def test_a_failed_download_shows_the_reason(view: tuple[View, Publisher]) -> None:
-    shown, _ = view
+def test_a_failed_download_shows_the_reason(shown: View) -> None:
     shown.page.route("**/scene.glb**", lambda route: route.fulfill(status=404, json={"detail": "no such moment"}))
     shown.page.get_by_role("link", name=".glb").click()
     shown.page.get_by_text("scene.glb: no such moment").wait_for()
     shown.faults = [fault for fault in shown.faults if "404" not in fault]
 
 
-def test_shortcuts_work_after_a_slider_and_are_listed(view: tuple[View, Publisher]) -> None:
-    shown, publisher = view
+def test_shortcuts_work_after_a_slider_and_are_listed(shown: View, publisher: Publisher) -> None:
     publisher.box(["keys"], RED)
     shown.look_at("keys")
     shown.page.get_by_role("treeitem", name="keys").click()
@@ -714,8 +643,7 @@ def test_shortcuts_work_after_a_slider_and_are_listed(view: tuple[View, Publishe
     shown.until(lambda: shown.page.locator(".details h2").count() == 0, "deselected")
 
 
-def test_keyboard_shortcuts_and_focus(view: tuple[View, Publisher]) -> None:
-    shown, publisher = view
+def test_keyboard_shortcuts_and_focus(shown: View, publisher: Publisher) -> None:
     publisher.box(["keys", "small"], RED, x=-1.0, size=0.5)
     publisher.box(["keys", "other"], GREEN, x=1.0)
     shown.look_at("keys", "other")
@@ -784,9 +712,8 @@ def test_keyboard_shortcuts_and_focus(view: tuple[View, Publisher]) -> None:
     shown.page.locator("#display").wait_for(state="hidden")
 
 
-def test_wheel_zooms_to_the_cursor(view: tuple[View, Publisher]) -> None:
+def test_wheel_zooms_to_the_cursor(shown: View, publisher: Publisher) -> None:
     """The point under the cursor stays there; the camera does not reach it, and flies on over nothing."""
-    shown, publisher = view
     publisher.box(["near"], RED, x=-1.0)
     publisher.box(["marker"], GREEN, x=1.0, size=0.01)
     shown.look_at("marker")
@@ -809,8 +736,7 @@ def test_wheel_zooms_to_the_cursor(view: tuple[View, Publisher]) -> None:
     assert shown.page.evaluate(scroll, [box["x"] + box["width"] / 2, y, 150]) > 0.5, "past the boxes"
 
 
-def test_small_screen_shows_one_drawer_at_a_time(view: tuple[View, Publisher]) -> None:
-    shown, publisher = view
+def test_small_screen_shows_one_drawer_at_a_time(shown: View, publisher: Publisher) -> None:
     publisher.box(["phone"], RED)
     shown.page.set_viewport_size({"width": 360, "height": 740})
     shown.until(lambda: shown.page.evaluate("innerWidth") == 360, "a small screen")
@@ -825,9 +751,8 @@ def test_small_screen_shows_one_drawer_at_a_time(view: tuple[View, Publisher]) -
 
 
 @pytest.mark.parametrize("glass", [False, True])
-def test_large_cloud_is_drawn_in_steps_until_it_is_complete(view: tuple[View, Publisher], glass: bool) -> None:
+def test_large_cloud_is_drawn_in_steps_until_it_is_complete(shown: View, publisher: Publisher, glass: bool) -> None:
     """Three chunks; what is drawn before them stays, also in the image in which translucent surfaces are blended."""
-    shown, publisher = view
     publisher.box(["beside"], GREEN, x=1.3, size=0.8)
     if glass:
         publisher.box(["glass"], [0.0, 0.0, 1.0, 0.1], x=9.0, size=0.1)
@@ -845,20 +770,13 @@ def test_large_cloud_is_drawn_in_steps_until_it_is_complete(view: tuple[View, Pu
     assert shown.share("green", "right") > 0.05
 
 
-def test_panels_are_resized_and_keep_their_width(view: tuple[View, Publisher]) -> None:
-    shown, publisher = view
+def test_panels_are_resized_and_keep_their_width(shown: View, publisher: Publisher) -> None:
     publisher.box(["wide"], RED)
     shown.wait_for_node("wide")
-    tree, handle = (
-        shown.page.locator(".drawer.left"),
-        shown.page.get_by_role("separator", name="Width of the scene tree"),
-    )
+    tree = shown.page.locator(".drawer.left")
+    handle = shown.page.get_by_role("separator", name="Width of the scene tree")
     before = tree.bounding_box()["width"]
-    box = handle.bounding_box()
-    shown.page.mouse.move(box["x"] + 2, 300)
-    shown.page.mouse.down()
-    shown.page.mouse.move(500, 300, steps=3)
-    shown.page.mouse.up()
+    shown.drag(handle.bounding_box()["x"] + 2, 300, 500, 300)
     assert tree.bounding_box()["width"] == pytest.approx(500, abs=2)
     handle.focus()
     shown.page.keyboard.press("ArrowLeft")
@@ -875,8 +793,7 @@ AXE = Path(__file__).parents[3] / "gateway/adapters/viewer/web/node_modules/axe-
 
 @pytest.mark.skipif(not AXE.is_file(), reason="axe-core is not installed (npm ci in gateway/adapters/viewer/web)")
 @pytest.mark.parametrize("theme", ["light", "dark"])
-def test_accessibility_rules_of_axe(view: tuple[View, Publisher], theme: str) -> None:
-    shown, publisher = view
+def test_accessibility_rules_of_axe(shown: View, publisher: Publisher, theme: str) -> None:
     page = shown.page
     page.evaluate("theme => (document.documentElement.dataset.theme = theme)", theme)
     page.evaluate(AXE.read_text())
@@ -917,8 +834,7 @@ COVERED = """() => [...document.querySelectorAll(".bar button, .bar a")].filter(
 """Titles of the buttons of the bar of which something else covers a part."""
 
 
-def test_toolbar_and_status_bar_fit_a_phone(view: tuple[View, Publisher]) -> None:
-    shown, publisher = view
+def test_toolbar_and_status_bar_fit_a_phone(shown: View, publisher: Publisher) -> None:
     publisher.box(["phone"], RED)
     # 320 x 256: a screen of 1280 x 1024 with a zoom of 400 %.
     for width, height in ((320, 256), (360, 740)):
@@ -942,8 +858,7 @@ def test_toolbar_and_status_bar_fit_a_phone(view: tuple[View, Publisher]) -> Non
     )
 
 
-def test_home_view_fills_the_view_without_the_stereo_camera(view: tuple[View, Publisher]) -> None:
-    shown, publisher = view
+def test_home_view_fills_the_view_without_the_stereo_camera(shown: View, publisher: Publisher) -> None:
     publisher.box(["home"], RED)
     wait_in_page(shown.page, "scenegate.model.find(['home'])?.parts != null")
     shown.page.keyboard.press("h")
@@ -966,8 +881,7 @@ def test_home_view_fills_the_view_without_the_stereo_camera(view: tuple[View, Pu
     shown.until(lambda: shown.page.evaluate("scenegate.frustum.object.visible"), "the stereo camera")
 
 
-def test_empty_scene_shows_how_to_publish(view: tuple[View, Publisher]) -> None:
-    shown, publisher = view
+def test_empty_scene_shows_how_to_publish(shown: View, publisher: Publisher) -> None:
     empty = shown.page.get_by_role("region", name="The scene is empty")
     empty.wait_for()
     shown.page.context.grant_permissions(["clipboard-read", "clipboard-write"])
@@ -982,9 +896,8 @@ def test_empty_scene_shows_how_to_publish(view: tuple[View, Publisher]) -> None:
     empty.wait_for(state="hidden")
 
 
-def test_shadows_and_occlusion_are_kept(view: tuple[View, Publisher]) -> None:
+def test_shadows_and_occlusion_are_kept(shown: View, publisher: Publisher) -> None:
     """Both are drawn, also after the page is loaded again, and the URL overrides them."""
-    shown, publisher = view
     publisher.box(["above"], RED, size=0.6)
     # Without a GPU, an image of the default size takes seconds with occlusion.
     shown.page.set_viewport_size({"width": 400, "height": 360})
@@ -1005,9 +918,8 @@ def test_shadows_and_occlusion_are_kept(view: tuple[View, Publisher]) -> None:
     assert shown.page.evaluate(drawn) == [False, False]
 
 
-def test_camera_projection_and_grid_are_kept(view: tuple[View, Publisher]) -> None:
+def test_camera_projection_and_grid_are_kept(shown: View, publisher: Publisher) -> None:
     """The camera of a tab, also after it is loaded again; the home view still follows the first nodes."""
-    shown, publisher = view
     camera = """(({ origin, view }) => [...view.eye, ...view.target, view.halfHeight, origin.x])(scenegate.rig)"""
     orthographic = "scenegate.rig.camera.isOrthographicCamera"
 
@@ -1026,9 +938,7 @@ def test_camera_projection_and_grid_are_kept(view: tuple[View, Publisher]) -> No
     shown.page.mouse.move(600, 400)
     shown.page.mouse.wheel(0, -400)
     shown.until(lambda: shown.page.evaluate("scenegate.rig.orthographic.zoom") > 1.0, "the wheel zooms")
-    shown.page.mouse.down()
-    shown.page.mouse.move(700, 450, steps=4)
-    shown.page.mouse.up()
+    shown.drag(600, 400, 700, 450)
     shown.until(lambda: shown.page.evaluate(STILL), "the camera stands still")
     before = shown.page.evaluate(camera)
 
@@ -1052,8 +962,7 @@ def test_camera_projection_and_grid_are_kept(view: tuple[View, Publisher]) -> No
     assert not shown.page.get_by_label("Grid on the ground").is_checked()
 
 
-def test_touch_rotates_and_zooms(view: tuple[View, Publisher]) -> None:
-    shown, publisher = view
+def test_touch_rotates_and_zooms(shown: View, publisher: Publisher) -> None:
     publisher.box(["touch"], RED)
     shown.look_at("touch")
     box = shown.page.locator(".stage canvas").bounding_box()
@@ -1083,10 +992,10 @@ def test_touch_rotates_and_zooms(view: tuple[View, Publisher]) -> None:
 
 def test_page_reconnects_after_a_restart(browser: Any) -> None:
     with ExitStack() as stack:
-        process, url = stack.enter_context(gateway_process(*FLAGS, "--tcpq-port", "0"))
+        process, url = stack.enter_context(gateway_process(*FLAGS))
         port = url.rsplit(":", 1)[1]
         Publisher(url).box(["again"], RED)
-        shown = View(browser, url)
+        shown = stack.enter_context(View(browser, url))
         shown.look_at("again")
         shown.until(lambda: shown.share("red") > 0.02, "a red box")
         shown.expect_outage = True
@@ -1097,30 +1006,20 @@ def test_page_reconnects_after_a_restart(browser: Any) -> None:
         shown.page.get_by_role("button", name="PNG").click()
         shown.page.wait_for_timeout(500)  # short: a slow page is only tested less
         assert outage.is_visible()
-        second = stack.enter_context(_on_port(port))
+        second, _ = stack.enter_context(gateway_process("--port", port, *FLAGS))
         publisher = Publisher(url)
         publisher.box(["other"], GREEN, x=0.5)
         shown.until(lambda: shown.share("green") > 0.02 and shown.share("red") == 0.0, "the new gateway's scene")
         assert second.stop() == 0
-        shown.page.close()
-        assert shown.faults == []
-
-
-@contextmanager
-def _on_port(port: str) -> Iterator[GatewayProcess]:
-    """Start another gateway on the same port."""
-    gateway = GatewayProcess("--http-port", port, *FLAGS, "--tcpq-port", "0")
-    try:
-        gateway.wait_for("Scenegate has started")
-        yield gateway
-    finally:
-        gateway.kill()
 
 
 def test_gateway_without_stereo_camera_is_not_an_error(browser: Any) -> None:
     """Tabs are there for what is used; wheel, orbit and pan with the mouse move the camera."""
-    with gateway_process("--only", "scene,view", "--demo") as (_, url):
-        view = View(browser, url)
+    with ExitStack() as stack:
+        _, url = stack.enter_context(gateway_process("--only", "scene,view", "--demo"))
+        view = stack.enter_context(
+            View(browser, url, width=900, height=460)
+        )  # without a GPU, more pixels take a minute
         view.until(lambda: view.page.evaluate("scenegate.model.nodes.size > 10"), "the demo is there")
         view.page.get_by_role("button", name="Selection, stereo").click()
         view.page.get_by_text("Nothing is selected").wait_for()
@@ -1132,7 +1031,7 @@ def test_gateway_without_stereo_camera_is_not_an_error(browser: Any) -> None:
         def moves(what: str) -> None:
             view.until(lambda: view.page.evaluate(where) != before, what)
 
-        view.page.mouse.move(600, 400)
+        view.page.mouse.move(600, 300)
         before = view.page.evaluate(where)
         view.page.mouse.wheel(0, -400)
         moves("wheel")
@@ -1140,17 +1039,14 @@ def test_gateway_without_stereo_camera_is_not_an_error(browser: Any) -> None:
             view.until(lambda: view.page.evaluate(STILL), "the camera stands still")
             before = view.page.evaluate(where)
             view.page.mouse.down(button=button)
-            view.page.mouse.move(700, 450, steps=4)
+            view.page.mouse.move(650, 330, steps=4)
             view.page.mouse.up(button=button)
             moves(f"{button} drag")
-            view.page.mouse.move(600, 400)
-        view.page.close()
-        assert view.faults == []
+            view.page.mouse.move(600, 300)
 
 
-def test_panels_wait_for_the_first_response(browser: Any, gateway: tuple[GatewayProcess, str]) -> None:
+def test_panels_wait_for_the_first_response(browser: Any, url: str) -> None:
     """No panel shows an empty state before the gateway responds, or after it stops responding."""
-    _, url = gateway
     Publisher(url).send(delete=[{"path": []}])
     page = new_page(browser)
     held: list[Any] = []
@@ -1166,7 +1062,7 @@ def test_panels_wait_for_the_first_response(browser: Any, gateway: tuple[Gateway
     sockets.pop().connect_to_server()
     page.get_by_text("The scene is empty").wait_for()
     page.get_by_text("Waiting for the gateway …").wait_for()
-    wait_until(lambda: held)
+    wait_until(lambda: held, PAGE_SECONDS)
     response[0] = lambda route: route.continue_()
     held.pop().continue_()
     page.locator("[data-image=left] img").wait_for()
@@ -1175,8 +1071,7 @@ def test_panels_wait_for_the_first_response(browser: Any, gateway: tuple[Gateway
     page.close()
 
 
-def test_page_is_sent_compressed_and_may_only_use_its_gateway(view: tuple[View, Publisher]) -> None:
-    shown, _ = view
+def test_page_is_sent_compressed_and_may_only_use_its_gateway(shown: View) -> None:
     sizes = shown.page.evaluate(
         """performance.getEntriesByType("resource")
           .filter(({ name }) => name.includes("/view/assets/"))
@@ -1191,8 +1086,7 @@ def test_page_is_sent_compressed_and_may_only_use_its_gateway(view: tuple[View, 
     shown.faults.clear()
 
 
-def test_without_webgl_the_page_shows_images_of_the_gateway(browser: Any, gateway: tuple[GatewayProcess, str]) -> None:
-    _, url = gateway
+def test_without_webgl_the_page_shows_images_of_the_gateway(browser: Any, url: str) -> None:
     publisher = Publisher(url)
     publisher.send(delete=[{"path": []}])
     publisher.box(["seen"], RED)
@@ -1210,25 +1104,25 @@ def test_without_webgl_the_page_shows_images_of_the_gateway(browser: Any, gatewa
         pixels = pixels[110:]  # below the axes
         return float((pixels[:, :, channel] > pixels[:, :, other] + 60).mean())
 
-    wait_until(lambda: share(1, 0) > 0.05)
+    wait_until(lambda: share(1, 0) > 0.05, PAGE_SECONDS)
     page.locator(".row", has_text="hidden").locator(".eye").click()
-    wait_until(lambda: share(0, 1) > 0.02 and share(1, 0) == 0.0)
+    wait_until(lambda: share(0, 1) > 0.02 and share(1, 0) == 0.0, PAGE_SECONDS)
     page.keyboard.press("h")
     camera = "new URL(document.querySelector('.stage img').src).searchParams.get('camera')"
     before = page.evaluate(camera)
     page.get_by_role("button", name="Top, from").click()
-    wait_until(lambda: page.evaluate(camera) != before)
+    wait_until(lambda: page.evaluate(camera) != before, PAGE_SECONDS)
     box = shown.bounding_box()
-    page.mouse.click(box["x"] + box["width"] / 2, box["y"] + box["height"] / 2)
-    page.locator(".details h2", has_text="seen").wait_for()
+    middle = box["x"] + box["width"] / 2, box["y"] + box["height"] / 2
+    selected = page.locator(".details h2", has_text="seen")
+    wait_until(lambda: page.mouse.click(*middle) or selected.count() == 1, PAGE_SECONDS)  # one may be missed
     publisher.send(delete=[{"path": ["seen"]}])
-    wait_until(lambda: share(0, 1) == 0.0)
+    wait_until(lambda: share(0, 1) == 0.0, PAGE_SECONDS)
     page.close()
     assert faults == []
 
 
-def test_view_returns_after_a_lost_context(view: tuple[View, Publisher]) -> None:
-    shown, publisher = view
+def test_view_returns_after_a_lost_context(shown: View, publisher: Publisher) -> None:
     publisher.box(["box"], RED)
     shown.look_at("box")
     shown.until(lambda: shown.share("red") > 0.02, "a red box")

@@ -13,45 +13,25 @@ import pytest
 
 from scenegate import Box, TreeViewer
 from scenegate.tree.control_panel import ControlHandle
-from tests.adapters.viewer.page import View
+from tests.adapters.viewer.page import View, hub_url
 from tests.adapters.viewer.test_browser import AXE
 from tests.files.robots.files import ARM, write
-from tests.support import clients
-from tests.support.browser import chromium
-from tests.support.gateway_process import gateway_process
-from tests.support.liblcm import liblcm
 from tests.support.waiting import SECONDS
 
 pytestmark = [pytest.mark.browser, pytest.mark.slow]
 
 
-@pytest.fixture(scope="module")
-def gateway() -> Iterator[tuple[Any, str, str]]:
-    """A browser, the URL of a gateway, and that of its hub."""
-    liblcm()
-    with chromium() as browser, gateway_process("--lcm-url", "off", "--grpc-port", "0", "--tcpq-port", "0") as (_, url):
-        with clients.Client(base_url=url) as http:
-            hub = http.get("/healthz").json()["interfaces"]["treeviewer"]["tcpq"]["url"]
-        yield browser, url, hub
-
-
 @pytest.fixture
-def shown(gateway: tuple[Any, str, str]) -> Iterator[tuple[View, TreeViewer]]:
-    """The page and a client."""
-    browser, url, hub = gateway
-    with TreeViewer(hub, timeout=SECONDS) as viewer:
-        viewer.delete()
-        view = View(browser, url)
-        yield view, viewer
-        view.page.close()
-        assert view.faults == []
+def view(browser: Any, url: str, client: TreeViewer) -> Iterator[View]:
+    """The page."""
+    with View(browser, url) as view:
+        yield view
 
 
-def test_controls_of_all_types(shown: tuple[View, TreeViewer], gateway: tuple[Any, str, str]) -> None:
-    view, viewer = shown
+def test_controls_of_all_types(view: View, client: TreeViewer, browser: Any, url: str) -> None:
     received: list[Any] = []
-    arm = viewer.controls["Arm"]
-    speed = viewer.controls.add_slider("Speed", 0, 2, value=0.5, unit="m/s")
+    arm = client.controls["Arm"]
+    speed = client.controls.add_slider("Speed", 0, 2, value=0.5, unit="m/s")
     arm.add_button("Start").on_click(lambda: received.append("start"))
     controls: list[ControlHandle[Any]] = [
         speed,
@@ -78,18 +58,13 @@ def test_controls_of_all_types(shown: tuple[View, TreeViewer], gateway: tuple[An
     page.get_by_label("Colour").fill("#00ff00")
     view.until(lambda: len(received) == 7, f"seven values: {received}")
     assert received == [pytest.approx(0.52), "start", 4.0, "ü" * 5, True, "torque", (0.0, 1.0, 0.0)]
-    browser, url, _ = gateway
-    other = View(browser, url)
-    try:
+    with View(browser, url) as other:
         other.until(lambda: float(other.page.get_by_role("slider", name="Speed").input_value()) == 0.52, "the value")
         assert other.page.get_by_label("Mode").input_value() == "torque"
         speed.value = 1.5
         for each in (view, other):
             field = each.page.get_by_label("Speed, value")
             each.until(lambda: field.input_value() == "1.5", "the program's value")  # noqa: B023 - used at once
-    finally:
-        other.page.close()
-        assert other.faults == []
     page.get_by_label("Gain").fill("2")
     page.keyboard.press("Escape")
     assert page.get_by_label("Gain").input_value() == "4"
@@ -98,12 +73,9 @@ def test_controls_of_all_types(shown: tuple[View, TreeViewer], gateway: tuple[An
     assert slider.is_visible()
 
 
-def test_a_slider_of_a_published_robot_is_dragged(
-    shown: tuple[View, TreeViewer], gateway: tuple[Any, str, str], tmp_path: Path
-) -> None:
-    view, _ = shown
+def test_a_slider_of_a_published_robot_is_dragged(view: View, url: str, tmp_path: Path) -> None:
     robot = write(tmp_path, ARM)
-    command = [sys.executable, "-m", "scenegate", "publish", str(robot), "--path", "arm", "--lcm-url", gateway[2]]
+    command = [sys.executable, "-m", "scenegate", "publish", str(robot), "--path", "arm", "--lcm-url", hub_url(url)]
     process = subprocess.Popen([*command, "--timeout", str(SECONDS)])
     try:
         slider = view.page.get_by_role("slider", name="elbow")
@@ -136,9 +108,8 @@ def test_a_slider_of_a_published_robot_is_dragged(
     slider.wait_for(state="detached")
 
 
-def test_a_plot_shows_its_curves(shown: tuple[View, TreeViewer]) -> None:
-    view, viewer = shown
-    plot = viewer.controls.add_plot("Torque", "left", "right", unit="N m", seconds=10)
+def test_a_plot_shows_its_curves(view: View, client: TreeViewer) -> None:
+    plot = client.controls.add_plot("Torque", "left", "right", unit="N m", seconds=10)
     times = np.arange(0, 20, 0.1)
     plot.add_samples(times, np.column_stack([np.sin(times), np.full(len(times), np.nan)]))
     image = view.page.get_by_role("img", name="Torque: left")
@@ -153,12 +124,11 @@ def test_a_plot_shows_its_curves(shown: tuple[View, TreeViewer]) -> None:
     view.until(lambda: image.get_attribute("aria-label") == "Torque: left -2 N m, right 1 N m", "a new sample")
 
 
-def test_a_gizmo_moves_a_node(shown: tuple[View, TreeViewer]) -> None:
-    view, viewer = shown
-    viewer["cell"].transform((0, 0, 0.25))
-    viewer["cell"]["box"].set(Box((0.2, 0.2, 0.2), color=(1, 0, 0)), transform=(0.5, 0, 0))
+def test_a_gizmo_moves_a_node(view: View, client: TreeViewer) -> None:
+    client["cell"].transform((0, 0, 0.25))
+    client["cell"]["box"].set(Box((0.2, 0.2, 0.2), color=(1, 0, 0)), transform=(0.5, 0, 0))
     view.look_at("cell", "box")
-    gizmo = viewer.controls.add_gizmo("Target", "cell/box")
+    gizmo = client.controls.add_gizmo("Target", "cell/box")
     view.page.get_by_label("x m").wait_for()
     assert view.page.get_by_label("z m").input_value() == "0"
     fields = view.page.get_by_role("group", name="Target").bounding_box()
@@ -168,15 +138,11 @@ def test_a_gizmo_moves_a_node(shown: tuple[View, TreeViewer]) -> None:
     assert panel["x"] < fields["x"] < fields["x"] + fields["width"] < panel["x"] + panel["width"] + 1
     assert panel["y"] < fields["y"]
     node = "scenegate.model.find(['cell', 'box']).world.elements.slice(12, 15)"
-    start = place(view, 0.5, 0.25)
+    start = view.at(0.5, 0, 0.25)
 
     def dragged() -> bool:
         # again: the page may not have drawn the handles yet; the x axis points right, its handle is beside the centre
-        view.page.mouse.move(start[0] + 40, start[1])
-        view.page.mouse.down()
-        for step in range(1, 6):
-            view.page.mouse.move(start[0] + 40 + 20 * step, start[1])
-        view.page.mouse.up()
+        view.drag(start[0] + 40, start[1], start[0] + 140, start[1], steps=5)
         return gizmo.value is not None
 
     view.until(dragged, "a new pose")
@@ -192,101 +158,68 @@ def test_a_gizmo_moves_a_node(shown: tuple[View, TreeViewer]) -> None:
     view.page.get_by_label("yaw °").fill("90")
     view.page.keyboard.press("Enter")
     view.until(lambda: np.allclose(pose()[:3, :3], [[0, -1, 0], [1, 0, 0], [0, 0, 1]], atol=1e-5), "it turns")
-    viewer["cell"].delete()
+    client["cell"].delete()
     view.page.get_by_text("cell / box is not in the scene").wait_for()
 
 
-def test_a_gizmo_of_a_followed_node(shown: tuple[View, TreeViewer]) -> None:
+def test_a_gizmo_of_a_followed_node(view: View, client: TreeViewer) -> None:
     """The camera follows after the drag: otherwise it would move the handle under the pointer on and on."""
-    view, viewer = shown
-    viewer["box"].set(Box((0.2, 0.2, 0.2), color=(1, 0, 0)), transform=(0, 0, 0.25))
+    client["box"].set(Box((0.2, 0.2, 0.2), color=(1, 0, 0)), transform=(0, 0, 0.25))
     view.look_at("box")
-    viewer.controls.add_gizmo("Target", "box")
+    client.controls.add_gizmo("Target", "box")
     view.page.get_by_label("x m").wait_for()
     view.page.evaluate("scenegate.select(scenegate.model.find(['box']))")
     view.page.keyboard.press("c")
     view.until(lambda: "&follow=" in unquote(view.page.url), "the address of a camera that was not moved")
     moved = "scenegate.model.find(['box']).world.elements[12]"
-    start = place(view, 0, 0.25)
+    start = view.at(0, 0, 0.25)
 
     def dragged() -> bool:
-        view.page.mouse.move(start[0] + 40, start[1])
-        view.page.mouse.down()
-        for step in range(1, 31):
-            view.page.mouse.move(start[0] + 40 + 2 * step, start[1])
-        view.page.mouse.up()
+        view.drag(start[0] + 40, start[1], start[0] + 100, start[1], steps=30)
         return bool(view.page.evaluate(moved) > 0)
 
     view.until(dragged, "the node moves")
     assert view.page.evaluate(moved) < 0.3
 
 
-def place(view: View, x: float, z: float) -> tuple[float, float]:
-    """Return the place on the page of a point of the plane y = 0."""
-    project = """([x, z]) => {
-      const { stage, Box3 } = scenegate;
-      const point = new Box3().min.set(x, 0, z).project(scenegate.rig.camera);
-      const area = stage.canvas.getBoundingClientRect();
-      return [area.left + (point.x + 1) / 2 * area.width, area.top + (1 - point.y) / 2 * area.height];
-    }"""
-    left, top = view.page.evaluate(project, [x, z])
-    return left, top
-
-
 @pytest.mark.skipif(not AXE.is_file(), reason="axe-core is not installed (npm ci in gateway/adapters/viewer/web)")
 @pytest.mark.parametrize("theme", ["light", "dark"])
-def test_accessibility_rules_of_axe(gateway: tuple[Any, str, str], theme: str) -> None:
-    browser, url, hub = gateway
-    with TreeViewer(hub, timeout=SECONDS) as viewer:
-        viewer["box"].set(Box((1, 1, 1)))
-        folder = viewer.controls["Arm"]
-        folder.add_slider("Speed", 0, 1, unit="m/s")
-        folder.add_number("Gain", unit="N/m")
-        folder.add_text("Name")
-        folder.add_checkbox("Gravity")
-        folder.add_dropdown("Mode", ["a", "b"])
-        folder.add_color("Colour")
-        folder.add_button("Start")
-        folder.add_gizmo("Target", "box")
-        folder.add_gizmo("Lost", "nothing")
-        folder.add_plot("Torque", *(f"joint {i}" for i in range(10)), unit="N m").add(*range(10))
-        view = View(browser, url)
-        try:
-            page = view.page
-            page.evaluate("theme => (document.documentElement.dataset.theme = theme)", theme)
-            page.get_by_text("Torque").wait_for()
-            page.evaluate(AXE.read_text())
-            violations = page.evaluate("axe.run().then(({ violations }) => violations)")
-            assert [(each["id"], each["nodes"][0]["html"]) for each in violations] == []
-        finally:
-            view.page.close()
-            assert view.faults == []
+def test_accessibility_rules_of_axe(view: View, client: TreeViewer, theme: str) -> None:
+    client["box"].set(Box((1, 1, 1)))
+    folder = client.controls["Arm"]
+    folder.add_slider("Speed", 0, 1, unit="m/s")
+    folder.add_number("Gain", unit="N/m")
+    folder.add_text("Name")
+    folder.add_checkbox("Gravity")
+    folder.add_dropdown("Mode", ["a", "b"])
+    folder.add_color("Colour")
+    folder.add_button("Start")
+    folder.add_gizmo("Target", "box")
+    folder.add_gizmo("Lost", "nothing")
+    folder.add_plot("Torque", *(f"joint {i}" for i in range(10)), unit="N m").add(*range(10))
+    page = view.page
+    page.evaluate("theme => (document.documentElement.dataset.theme = theme)", theme)
+    page.get_by_text("Torque").wait_for()
+    page.evaluate(AXE.read_text())
+    violations = page.evaluate("axe.run().then(({ violations }) => violations)")
+    assert [(each["id"], each["nodes"][0]["html"]) for each in violations] == []
 
 
-def test_a_phone_shows_all_tabs_and_controls(gateway: tuple[Any, str, str]) -> None:
-    browser, url, hub = gateway
-    with TreeViewer(hub, timeout=SECONDS) as viewer:
-        long = {letter: letter * 100 for letter in "abcdefgu"}
-        viewer["box"].set(Box((1, 1, 1)))
-        with viewer.controls.batch():
-            viewer.controls.add_slider("Speed " + "x" * 60, -1e6, 1e6, value=-123456.7, unit=long["u"])
-            viewer.controls[long["f"]].add_button(long["b"])
-            viewer.controls.add_number(long["a"], 3, unit=long["u"])
-            viewer.controls.add_checkbox(long["c"])
-            viewer.controls.add_dropdown(long["d"], [long["e"]])
-            viewer.controls.add_gizmo(long["g"], "box")
-            plot = viewer.controls.add_plot(long["e"], long["a"], unit=long["u"])
-        plot.add(1.0)
-        view = View(browser, url, width=390, height=844)
-        try:
-            page = view.page
-            page.get_by_role("button", name="Selection, stereo").click()
-            page.get_by_role("tab", name="Controls").click()
-            page.get_by_role("slider", name="Speed").wait_for()
-            wide = (
-                "[...document.querySelectorAll('.right *')].filter((e) => e.getBoundingClientRect().right > 391).length"
-            )
-            view.until(lambda: page.evaluate(wide) == 0, "everything is on the screen")
-        finally:
-            view.page.close()
-            assert view.faults == []
+def test_a_phone_shows_all_tabs_and_controls(browser: Any, url: str, client: TreeViewer) -> None:
+    long = {letter: letter * 100 for letter in "abcdefgu"}
+    client["box"].set(Box((1, 1, 1)))
+    with client.controls.batch():
+        client.controls.add_slider("Speed " + "x" * 60, -1e6, 1e6, value=-123456.7, unit=long["u"])
+        client.controls[long["f"]].add_button(long["b"])
+        client.controls.add_number(long["a"], 3, unit=long["u"])
+        client.controls.add_checkbox(long["c"])
+        client.controls.add_dropdown(long["d"], [long["e"]])
+        client.controls.add_gizmo(long["g"], "box")
+        plot = client.controls.add_plot(long["e"], long["a"], unit=long["u"])
+    plot.add(1.0)
+    with View(browser, url, width=390, height=844) as view:
+        view.page.get_by_role("button", name="Selection, stereo").click()
+        view.page.get_by_role("tab", name="Controls").click()
+        view.page.get_by_role("slider", name="Speed").wait_for()
+        wide = "[...document.querySelectorAll('.right *')].filter((e) => e.getBoundingClientRect().right > 391).length"
+        view.until(lambda: view.page.evaluate(wide) == 0, "everything is on the screen")

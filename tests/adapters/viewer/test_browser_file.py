@@ -10,19 +10,18 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from tests.adapters.viewer.page import Publisher, View
+from tests.adapters.viewer.page import FLAGS, Publisher, View
 from tests.adapters.viewer.recordings import frames_of
-from tests.adapters.viewer.test_browser import GREEN, RED, SQUARE, UPRIGHT, png
+from tests.adapters.viewer.test_browser import GREEN, RED, UPRIGHT, png
+from tests.adapters.viewer.test_browser import TEXTURED as UNTEXTURED
 from tests.replay.test_page_file import recording_of
 from tests.support import clients
-from tests.support.browser import chromium, wait_in_page
-from tests.support.gateway_process import GatewayProcess, gateway_process
+from tests.support.browser import PAGE_SECONDS, wait_in_page
+from tests.support.gateway_process import gateway_process
 from tests.support.view_frames import parse_frame
-from tests.support.waiting import MILLISECONDS
 
 pytestmark = [pytest.mark.browser, pytest.mark.slow]
 
-FLAGS = ("--lcm-url", "off", "--grpc-port", "0", "--tcpq-port", "0")
 MAX_PAGE_BYTES = 2_000_000
 CLOUD = {
     "type": "pointcloud",
@@ -30,12 +29,7 @@ CLOUD = {
     "channels": {"rgb": [[0, 1, 0]] * 800, "height": [z / 20 for _ in range(40) for z in range(20)]},
     "point_size": 6,
 }
-TEXTURED = {
-    "type": "mesh",
-    **SQUARE,
-    "uv": [[0, 1], [1, 1], [1, 0], [0, 0]],
-    "image": png([[[255, 0, 0], [0, 0, 255]]]),
-}
+TEXTURED = {**UNTEXTURED, "image": png([[[255, 0, 0], [0, 0, 255]]])}
 
 
 class FileView(View):
@@ -44,7 +38,7 @@ class FileView(View):
     def __init__(self, browser: Any, file: Path, fragment: str = "") -> None:
         context = browser.new_context(viewport={"width": 1280, "height": 800}, offline=True)
         self.page = context.new_page()
-        self.page.set_default_timeout(MILLISECONDS)
+        self.page.set_default_timeout(1000 * PAGE_SECONDS)
         self.faults = []
         self.expect_outage = False
         self.page.on("pageerror", lambda error: self.faults.append(f"exception: {error}"))
@@ -60,15 +54,9 @@ class FileView(View):
 
 
 @pytest.fixture(scope="module")
-def browser() -> Iterator[Any]:
-    with chromium() as running:
-        yield running
-
-
-@pytest.fixture(scope="module")
-def gateway(browser: Any) -> Iterator[tuple[GatewayProcess, str]]:
-    with gateway_process(*FLAGS, "--history-seconds", "0") as running:  # no time bar, as in the file
-        yield running
+def url(browser: Any) -> Iterator[str]:
+    with gateway_process(*FLAGS, "--history-seconds", "0") as (_, url):  # no time bar, as in the file
+        yield url
 
 
 def download(url: str, folder: Path, query: str = "") -> Path:
@@ -80,14 +68,7 @@ def download(url: str, folder: Path, query: str = "") -> Path:
     return file
 
 
-def pixels_of(view: View) -> Any:
-    return view.colors().astype(int)
-
-
-def test_a_file_shows_what_the_live_page_shows(
-    browser: Any, gateway: tuple[GatewayProcess, str], tmp_path: Path
-) -> None:
-    _, url = gateway
+def test_a_file_shows_what_the_live_page_shows(browser: Any, url: str, tmp_path: Path) -> None:
     publisher = Publisher(url)
     publisher.send(
         setgeometry=[
@@ -117,10 +98,11 @@ def test_a_file_shows_what_the_live_page_shows(
     opened.until(lambda: opened.share("red") > 0.02, "the texture")
 
     def differences() -> float:
-        return float((np.abs(pixels_of(live) - pixels_of(opened)).max(axis=2) > 24).mean())
+        return float((np.abs(live.colors().astype(int) - opened.colors()).max(axis=2) > 24).mean())
 
+    for each in (live, opened):
+        wait_in_page(each.page, "scenegate.light.change.value.strength === 0.5")
     opened.until(lambda: differences() < 0.002, "the same image")
-    assert [each.page.evaluate("scenegate.light.change.value.strength") for each in (live, opened)] == [0.5, 0.5]
     assert live.share("red") > 0.02
     assert live.share("green") > 0.02
     _check_panels(opened)
@@ -135,9 +117,9 @@ def _check_panels(opened: FileView) -> None:
     page = opened.page
     page.evaluate("() => scenegate.select(scenegate.model.find(['cloud']))")
     page.get_by_label("Colour by").wait_for()
-    before = pixels_of(opened)
+    before = opened.colors().astype(int)
     page.get_by_label("Colour by").select_option("height")
-    opened.until(lambda: (np.abs(pixels_of(opened) - before).max(axis=2) > 60).mean() > 0.002, "colours by height")
+    opened.until(lambda: (np.abs(opened.colors() - before).max(axis=2) > 60).mean() > 0.002, "colours by height")
     for name in ("Render", ".glb", ".html"):
         assert page.get_by_role("link", name=name, exact=True).count() == 0
     for name in ("Stereo", "Renders", "Controls"):
@@ -209,8 +191,8 @@ def _check_moment(browser: Any, file: Path) -> None:
         opened.page.close()
 
 
-def test_a_damaged_file_says_so(browser: Any, gateway: tuple[GatewayProcess, str], tmp_path: Path) -> None:
-    file = download(gateway[1], tmp_path)
+def test_a_damaged_file_says_so(browser: Any, url: str, tmp_path: Path) -> None:
+    file = download(url, tmp_path)
     data = file.read_bytes()
     start = data.index(b'id="recording"') + 60
     file.write_bytes(data[:start] + b"AAAA" + data[start + 4 :])

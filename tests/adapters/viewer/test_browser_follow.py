@@ -8,10 +8,7 @@ import pytest
 
 from scenegate import Box, Transform, TreeViewer
 from tests.adapters.viewer.page import View, row
-from tests.support import clients
-from tests.support.browser import chromium, wait_in_page
-from tests.support.gateway_process import gateway_process
-from tests.support.waiting import SECONDS
+from tests.support.browser import wait_in_page
 
 pytestmark = [pytest.mark.browser, pytest.mark.slow]
 
@@ -22,27 +19,13 @@ LEFT = (0.5**0.5, 0.0, 0.0, 0.5**0.5)
 """A quarter turn to the left."""
 
 
-@pytest.fixture(scope="module")
-def gateway() -> Iterator[tuple[Any, str]]:
-    """A browser, and the URL of a gateway."""
-    with chromium() as browser, gateway_process("--lcm-url", "off", "--grpc-port", "0", "--tcpq-port", "0") as (_, url):
-        yield browser, url
-
-
 @pytest.fixture
-def shown(gateway: tuple[Any, str]) -> Iterator[tuple[View, TreeViewer]]:
-    """The page with a car at x = 1 m, and the client that published it."""
-    browser, url = gateway
-    with clients.Client(base_url=url) as http:
-        hub = http.get("/healthz").json()["interfaces"]["treeviewer"]["tcpq"]["url"]
-    with TreeViewer(hub, timeout=SECONDS) as viewer:
-        viewer.delete()
-        publish(viewer)
-        view = View(browser, url)
+def view(browser: Any, url: str, client: TreeViewer) -> Iterator[View]:
+    """The page with a car at x = 1 m."""
+    publish(client)
+    with View(browser, url) as view:
         view.look_at("road", "car")
-        yield view, viewer
-        view.page.close()
-        assert view.faults == []
+        yield view
 
 
 def publish(viewer: TreeViewer, x: float = 1.0) -> None:
@@ -55,34 +38,32 @@ def read(view: View, what: str) -> list[float]:
     return values
 
 
-def test_camera_follows_a_node_and_keeps_its_heading(shown: tuple[View, TreeViewer]) -> None:
-    view, viewer = shown
+def test_camera_follows_a_node_and_keeps_its_heading(view: View, client: TreeViewer) -> None:
     page = view.page
     row(view, ["road", "car"]).click()
     eye, target = np.array(read(view, EYE)), np.array(read(view, TARGET))
     page.get_by_role("button", name="Follow", exact=True).click()
     bar = page.get_by_role("group", name="The camera follows a node")
     assert "road / car" in bar.inner_text()
-    viewer["road"].transform(Transform((0, 3, 0), LEFT))
+    client["road"].transform(Transform((0, 3, 0), LEFT))
     view.until(lambda: np.allclose(read(view, EYE), np.add(eye, (-1, 4, 0))), "the camera has moved as the car")
     np.testing.assert_allclose(read(view, TARGET), np.add(target, (-1, 4, 0)), atol=1e-6)
     page.get_by_role("button", name="Top, from").click()
     above = np.array(read(view, EYE))
-    viewer["road"].delete()
+    client["road"].delete()
     bar.get_by_text("is not in the scene").wait_for()
     np.testing.assert_allclose(read(view, EYE), above)
-    publish(viewer, x=9.0)
+    publish(client, x=9.0)
     view.until(lambda: np.allclose(read(view, EYE), np.add(above, (9, -4, 0))), "the camera follows the new node")
     bar.get_by_role("button", name="Stop following").click()
     bar.wait_for(state="hidden")
-    viewer["road"]["car"].transform((1, 0, 0))
+    client["road"]["car"].transform((1, 0, 0))
     wait_in_page(page, "scenegate.model.find(['road', 'car']).world.elements[12] === 1")
     np.testing.assert_allclose(read(view, EYE), np.add(above, (9, -4, 0)))
 
 
-def test_camera_rides_along_by_keyboard(shown: tuple[View, TreeViewer]) -> None:
+def test_camera_rides_along_by_keyboard(view: View, client: TreeViewer) -> None:
     """A drag turns the camera about the direction that is up for the node."""
-    view, viewer = shown
     page = view.page
     row(view, ["road"]).click()
     tree = page.get_by_role("tree")
@@ -97,16 +78,13 @@ def test_camera_rides_along_by_keyboard(shown: tuple[View, TreeViewer]) -> None:
     assert mode.input_value() == "ride"
     assert row(view, ["road", "car"]).get_by_label("The camera follows it").is_visible()
     ahead = np.array(read(view, TARGET)) - read(view, EYE)
-    viewer["road"].transform(Transform((0, 0, 0), (0.5**0.5, 0.5**0.5, 0, 0)))  # on its right side
+    client["road"].transform(Transform((0, 0, 0), (0.5**0.5, 0.5**0.5, 0, 0)))  # on its right side
     view.until(lambda: np.allclose(read(view, UP), (0, -1, 0)), "the camera lies on its side, too")
     turned = np.array(read(view, TARGET)) - read(view, EYE)
     np.testing.assert_allclose(turned, (ahead[0], -ahead[2], ahead[1]), atol=1e-4)
     box = page.locator(".stage canvas").bounding_box()
     x, y = box["x"] + box["width"] / 2, box["y"] + box["height"] / 2
-    page.mouse.move(x, y)
-    page.mouse.down()
-    page.mouse.move(x + 80, y, steps=4)
-    page.mouse.up()
+    view.drag(x, y, x + 80, y)
     view.until(lambda: not np.allclose(np.subtract(read(view, TARGET), read(view, EYE)), turned), "the drag turns it")
     dragged = np.subtract(read(view, TARGET), read(view, EYE))
     np.testing.assert_allclose(dragged[1], turned[1], atol=1e-4)
@@ -114,9 +92,8 @@ def test_camera_rides_along_by_keyboard(shown: tuple[View, TreeViewer]) -> None:
     bar.wait_for(state="hidden")
 
 
-def test_followed_node_is_in_the_address(shown: tuple[View, TreeViewer]) -> None:
+def test_followed_node_is_in_the_address(view: View, client: TreeViewer) -> None:
     """The camera of a link is relative to the node, wherever that is when the link is opened."""
-    view, viewer = shown
     page = view.page
     page.evaluate("scenegate.select(scenegate.model.find(['road', 'car']))")
     page.keyboard.press("c")
@@ -124,7 +101,7 @@ def test_followed_node_is_in_the_address(shown: tuple[View, TreeViewer]) -> None
     eye = np.array(read(view, EYE))
     view.until(lambda: "&ride=" in page.url, "the address has the node")
     link = page.url
-    viewer["road"]["car"].transform((1, 5, 0))
+    client["road"]["car"].transform((1, 5, 0))
     view.until(lambda: np.allclose(read(view, EYE), np.add(eye, (0, 5, 0))), "the camera rides along")
     page.wait_for_timeout(1000)  # short: a slow page is only tested less
     assert page.url == link
@@ -140,9 +117,8 @@ def test_followed_node_is_in_the_address(shown: tuple[View, TreeViewer]) -> None
     page.get_by_role("group", name="The camera follows a node").wait_for(state="hidden")
 
 
-def test_pose_relative_to_a_chosen_frame(shown: tuple[View, TreeViewer]) -> None:
-    view, viewer = shown
-    viewer["road"].transform(Transform((10, 0, 0), LEFT))
+def test_pose_relative_to_a_chosen_frame(view: View, client: TreeViewer) -> None:
+    client["road"].transform(Transform((10, 0, 0), LEFT))
     row(view, ["road", "car"]).click()
     position = view.page.locator(".details dd").first
     view.until(lambda: position.inner_text() == "10  1  0", "in the world")
@@ -155,7 +131,7 @@ def test_pose_relative_to_a_chosen_frame(shown: tuple[View, TreeViewer]) -> None
     row(view, ["road"]).click()
     assert frame.input_value() == '["sign"]'
     view.until(lambda: position.inner_text() == "10  -1  0", "another node in the same frame")
-    viewer["sign"].delete()
+    client["sign"].delete()
     view.until(lambda: "not in the scene" in position.inner_text(), "the frame is gone")
-    publish(viewer)
+    publish(client)
     view.until(lambda: position.inner_text() == "10  -1  0", "the frame is back")

@@ -11,10 +11,9 @@ import trimesh
 from numpy.typing import NDArray
 from PIL import Image
 
-from tests.adapters.viewer.page import Publisher, View
+from tests.adapters.viewer.page import FLAGS, Publisher, View
 from tests.files.gltf.builder import Builder, data_uri
 from tests.support import clients
-from tests.support.browser import chromium
 from tests.support.gateway_process import gateway_process
 
 pytestmark = [pytest.mark.browser, pytest.mark.slow]
@@ -107,15 +106,13 @@ def render(
     return np.asarray(Image.open(io.BytesIO(response.content)).convert("RGB"))
 
 
-def test_page_and_gateway_draw_the_same_materials(tmp_path: Path) -> None:
+def test_page_and_gateway_draw_the_same_materials(browser: Any, tmp_path: Path) -> None:
     """Blended surfaces are mixed in linear light by both."""
     assert len(MATERIALS) == COLUMNS * ROWS
     (tmp_path / "materials.gltf").write_bytes(document())
-    flags = ("--lcm-url", "off", "--grpc-port", "0", "--tcpq-port", "0", "--mesh-root", str(tmp_path))
-    with chromium() as browser, gateway_process(*flags) as (_, url):
+    with gateway_process(*FLAGS, "--mesh-root", str(tmp_path)) as (_, url), View(browser, url) as view:
         geometry = {"type": "mesh_file", "filename": str(tmp_path / "materials.gltf"), "scale": [1, 1, 1]}
         Publisher(url).send(setgeometry=[{"path": ["materials"], "geometry": geometry}])
-        view = View(browser, url)
         view.wait_for_node("materials")
         place(view, (0.0, -9.0, 0.0), orthographic=True)
         rendered = means(render(url, "eye=0,-9,0;target=0,0,0;up=0,0,1;xmag=2.5"))
@@ -124,8 +121,6 @@ def test_page_and_gateway_draw_the_same_materials(tmp_path: Path) -> None:
         difference = np.abs(means(view.colors()) - rendered).max(axis=2)
         for material, levels in zip(MATERIALS, difference.max(axis=1), strict=True):
             assert levels <= 6.0, material
-        view.page.close()
-        assert view.faults == []
 
 
 SET_LIGHT = """(light) => {
@@ -134,7 +129,7 @@ SET_LIGHT = """(light) => {
 }"""
 
 
-def test_page_and_gateway_light_the_same_scene(tmp_path: Path) -> None:
+def test_page_and_gateway_light_the_same_scene(browser: Any, tmp_path: Path) -> None:
     """A floor, and spheres: diffuse, two that are glossy, two of metal. All but the floor cast shadows on it."""
     materials = [(0.0, 1.0), (0.0, 1.0), (0.0, 0.15), (0.0, 0.5), (1.0, 0.2), (1.0, 0.6)]  # metallic, roughness
     builder = Builder()
@@ -151,11 +146,9 @@ def test_page_and_gateway_light_the_same_scene(tmp_path: Path) -> None:
         place_at = [0.0, -0.45, 0.0] if is_floor else [number - 3.0, 0.0, 0.0]
         builder.node(mesh=builder.mesh(primitive), translation=place_at)
     (tmp_path / "scene.gltf").write_bytes(builder.text())
-    flags = ("--lcm-url", "off", "--grpc-port", "0", "--tcpq-port", "0", "--mesh-root", str(tmp_path))
-    with chromium() as browser, gateway_process(*flags) as (_, url):
+    with gateway_process(*FLAGS, "--mesh-root", str(tmp_path)) as (_, url), View(browser, url) as view:
         geometry = {"type": "mesh_file", "filename": str(tmp_path / "scene.gltf"), "scale": [1, 1, 1]}
         Publisher(url).send(setgeometry=[{"path": ["spheres"], "geometry": geometry}])
-        view = View(browser, url)
         view.page.goto(f"{url}/view?shadows=on")
         view.wait_for_node("spheres")
         place(view, (0.0, -4.0, 3.0), orthographic=False)
@@ -178,5 +171,3 @@ def test_page_and_gateway_light_the_same_scene(tmp_path: Path) -> None:
             for number in range(1, len(materials)):
                 is_sphere = np.hypot(x - 250 - metres * (number - 3), y - 200) < 0.35 * metres
                 assert difference[is_sphere].mean() < 8.0, (materials[number], light)
-        view.page.close()
-        assert view.faults == []

@@ -1,7 +1,6 @@
 """Distances, clicked points, axes and names of nodes, the axes to look along, and point sizes, in a real browser."""
 
 import io
-from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
@@ -9,65 +8,37 @@ import pytest
 from PIL import Image
 
 from tests.adapters.viewer.page import Publisher, View, row
-from tests.support.browser import chromium
-from tests.support.gateway_process import gateway_process
 
 pytestmark = [pytest.mark.browser, pytest.mark.slow]
 
 RED, GREEN = [1.0, 0.0, 0.0, 1.0], [0.0, 1.0, 0.0, 1.0]
 
 
-@pytest.fixture(scope="module")
-def gateway() -> Iterator[tuple[Any, str]]:
-    """A browser, and the URL of a gateway."""
-    with chromium() as browser, gateway_process("--lcm-url", "off", "--grpc-port", "0", "--tcpq-port", "0") as (_, url):
-        yield browser, url
-
-
 @pytest.fixture
-def shown(gateway: tuple[Any, str]) -> Iterator[tuple[View, Publisher]]:
+def view(shown: View, publisher: Publisher) -> View:
     """The page with a red box on the left and a green one on the right, seen from −Y."""
-    browser, url = gateway
-    publisher = Publisher(url)
-    publisher.send(delete=[{"path": []}])
     publisher.box(["left"], RED, x=-1.0)
     publisher.box(["right"], GREEN, x=1.0)
-    view = View(browser, url)
-    view.look_at("right")
-    view.until(lambda: min(view.share("red"), view.share("green")) > 0.02, "two boxes")
-    yield view, publisher
-    view.page.close()
-    assert view.faults == []
+    shown.look_at("right")
+    shown.until(lambda: min(shown.share("red"), shown.share("green")) > 0.02, "two boxes")
+    return shown
 
 
-def at(view: View, *point: float) -> tuple[float, float]:
-    """Return the place on the page of a point in the world."""
-    project = """([x, y, z]) => {
-      const { stage, Box3 } = scenegate;
-      const point = new Box3().min.set(x, y, z).sub(scenegate.rig.origin).project(scenegate.rig.camera);
-      const area = stage.canvas.getBoundingClientRect();
-      return [area.left + (point.x + 1) / 2 * area.width, area.top + (1 - point.y) / 2 * area.height];
-    }"""
-    left, top = view.page.evaluate(project, point)
-    return left, top
-
-
-def test_distance_between_two_clicks(shown: tuple[View, Publisher]) -> None:
-    view, _ = shown
+def test_distance_between_two_clicks(view: View) -> None:
     page = view.page
     before = view.colors()
     page.get_by_role("button", name="Measure between two points").click()
     bar = page.get_by_role("group", name="Measurement")
     bar.get_by_text("Click a point in the scene.").wait_for()
-    page.mouse.click(*at(view, -1.0, -0.5, 0.2))
+    page.mouse.click(*view.at(-1.0, -0.5, 0.2))
     bar.get_by_text("Click a second point.").wait_for()
-    page.mouse.click(*at(view, 1.0, -0.5, 0.2))
+    page.mouse.click(*view.at(1.0, -0.5, 0.2))
     text = bar.get_by_role("status").inner_text()
     distance, _, rest = text.partition(" m ")
     assert float(distance) == pytest.approx(2.0, abs=0.02)
     numbers = [float(word) for word in rest.replace(",", "").split() if word.lstrip("-")[:1].isdigit()]
     np.testing.assert_allclose(numbers, [2, 0, 0, -1, -0.5, 0.2, 1, -0.5, 0.2], atol=0.02)
-    x, y = at(view, 0.0, -0.5, 0.2)
+    x, y = view.at(0.0, -0.5, 0.2)
     area = page.locator(".stage canvas").bounding_box()
     column, line = int(x - area["x"]), int(y - area["y"])
     beside = np.s_[line - 4 : line + 5, column]
@@ -78,8 +49,7 @@ def test_distance_between_two_clicks(shown: tuple[View, Publisher]) -> None:
     view.until(lambda: bool((view.colors()[beside] == before[beside]).all()), "the line is gone")
 
 
-def test_the_bars_leave_the_view_of_a_phone_free(shown: tuple[View, Publisher]) -> None:
-    view, publisher = shown
+def test_the_bars_leave_the_view_of_a_phone_free(view: View, publisher: Publisher) -> None:
     page = view.page
     path = ["robot", "a-link-with-a-name-" + "x" * 60]
     publisher.box(path, RED, size=0.5)
@@ -89,7 +59,7 @@ def test_the_bars_leave_the_view_of_a_phone_free(shown: tuple[View, Publisher]) 
     page.get_by_role("button", name="Measure between two points").click()
     page.keyboard.press("c")
     for x in (-0.2, 0.2):
-        page.mouse.click(*at(view, x, -0.25, 0.1))
+        page.mouse.click(*view.at(x, -0.25, 0.1))
     page.locator(".pill .ends").wait_for(state="attached")
     area = page.locator(".stage .view").bounding_box()
     bars = [bar.bounding_box() for bar in page.locator(".pill").all()]
@@ -100,9 +70,8 @@ def test_the_bars_leave_the_view_of_a_phone_free(shown: tuple[View, Publisher]) 
     assert page.get_by_role("button", name="Stop measuring").is_visible()
 
 
-def test_a_measurement_by_keyboard(shown: tuple[View, Publisher]) -> None:
+def test_a_measurement_by_keyboard(view: View) -> None:
     """Enter clicks in the middle of the view, which a cross shows."""
-    view, _ = shown
     page = view.page
     page.keyboard.press("m")
     bar = page.get_by_role("group", name="Measurement")
@@ -120,10 +89,9 @@ def test_a_measurement_by_keyboard(shown: tuple[View, Publisher]) -> None:
     page.locator(".details h2", has_text="right").wait_for()
 
 
-def test_coordinates_of_a_clicked_point(shown: tuple[View, Publisher]) -> None:
-    view, publisher = shown
+def test_coordinates_of_a_clicked_point(view: View, publisher: Publisher) -> None:
     page = view.page
-    page.mouse.click(*at(view, 1.2, -0.5, 0.3))
+    page.mouse.click(*view.at(1.2, -0.5, 0.3))
     value = page.locator(".details dt", has_text="Clicked point").locator("+ dd")
     numbers = [float(word) for word in value.inner_text().split()]
     np.testing.assert_allclose(numbers, (1.2, -0.5, 0.3), atol=0.02)
@@ -135,9 +103,8 @@ def test_coordinates_of_a_clicked_point(shown: tuple[View, Publisher]) -> None:
     assert publisher.sent > 0
 
 
-def test_axes_to_look_along(shown: tuple[View, Publisher]) -> None:
+def test_axes_to_look_along(view: View) -> None:
     """They turn with the camera; a click keeps target and distance."""
-    view, _ = shown
     gizmo = view.page.get_by_role("group", name="Look along an axis")
     camera = "[scenegate.rig.controls.getDistance(), ...scenegate.rig.view.target]"
     before = view.page.evaluate(camera)
@@ -167,9 +134,8 @@ def test_axes_to_look_along(shown: tuple[View, Publisher]) -> None:
     view.until(x_is_right, "x points to the right")
 
 
-def test_points_have_a_size_in_metres(shown: tuple[View, Publisher]) -> None:
+def test_points_have_a_size_in_metres(view: View, publisher: Publisher) -> None:
     """As large as a square of the same size, at any distance and in an orthographic view."""
-    view, publisher = shown
     publisher.send(delete=[{"path": []}])
     cloud = {"type": "pointcloud", "points": [[0, 0, 0]], "color": RED}
     publisher.send(setgeometry=[{"path": ["point"], "geometry": cloud}])
@@ -185,7 +151,7 @@ def test_points_have_a_size_in_metres(shown: tuple[View, Publisher]) -> None:
         return float(red.any(axis=0).sum() / height_of_a_metre())
 
     def height_of_a_metre() -> float:
-        return at(view, 0, 0, 0)[1] - at(view, 0, 0, 1)[1]
+        return view.at(0, 0, 0)[1] - view.at(0, 0, 1)[1]
 
     view.until(lambda: side() == pytest.approx(0.5, abs=0.03), "half a metre")
     view.page.keyboard.press("Escape")
@@ -202,9 +168,8 @@ def test_points_have_a_size_in_metres(shown: tuple[View, Publisher]) -> None:
     view.until(lambda: side() * height_of_a_metre() < 5, "one pixel")
 
 
-def test_axes_and_names_of_nodes(shown: tuple[View, Publisher]) -> None:
+def test_axes_and_names_of_nodes(view: View, publisher: Publisher) -> None:
     """They move with the node, and are kept when it is published again; axes have the same size from afar."""
-    view, publisher = shown
     page = view.page
     publisher.send(delete=[{"path": []}])
     publisher.box(["robot", "arm"], [0.2, 0.2, 0.2, 1.0], x=-1.0, size=0.01)
@@ -229,7 +194,7 @@ def test_axes_and_names_of_nodes(shown: tuple[View, Publisher]) -> None:
     height = canvas["height"]
 
     def is_at(x: float) -> bool:
-        left, _ = at(view, x, 0, 0)
+        left, _ = view.at(x, 0, 0)
         box = arm.bounding_box()
         return bool(abs(box["x"] - left) < 12 and abs(red()[0] + canvas["x"] - left) < 4)
 
@@ -259,18 +224,12 @@ def test_axes_and_names_of_nodes(shown: tuple[View, Publisher]) -> None:
     view.until(lambda: names.count() == 0, "no names of hidden nodes")
 
 
-def test_views_side_by_side(shown: tuple[View, Publisher]) -> None:
+def test_views_side_by_side(view: View, publisher: Publisher) -> None:
     """From above, and from a node: red is on the left, green on the right, and both follow the scene."""
-    view, publisher = shown
     page = view.page
     publisher.send(
         setgeometry=[{"path": ["camera"], "geometry": {"type": "triad", "scale": 0.1}}],
-        settransform=[
-            {
-                "path": ["camera"],
-                "transform": {"translation": [0, -6, 0], "quaternion": [0.5**0.5, -(0.5**0.5), 0, 0]},
-            }
-        ],
+        settransform=[{"path": ["camera"], "transform": {"translation": [0, -6, 0], "quaternion": [1, -1, 0, 0]}}],
     )
     row(view, ["camera"]).click()
     width = page.locator(".stage .view").bounding_box()["width"]

@@ -12,57 +12,24 @@ import pytest
 from scenegate import Box, Click, TreeViewer
 from tests.adapters.viewer.page import View
 from tests.support import clients
-from tests.support.browser import chromium
-from tests.support.gateway_process import gateway_process
-from tests.support.liblcm import liblcm
-from tests.support.waiting import SECONDS
+from tests.support.browser import PAGE_SECONDS
 
 pytestmark = [pytest.mark.browser, pytest.mark.slow]
 
-CANVAS = "scenegate.stage.renderer.domElement"
-
-
-@pytest.fixture(scope="module")
-def gateway() -> Iterator[tuple[Any, str]]:
-    """A browser, and the URL of a gateway."""
-    liblcm()
-    with chromium() as browser, gateway_process("--lcm-url", "off", "--grpc-port", "0", "--tcpq-port", "0") as (_, url):
-        yield browser, url
-
 
 @pytest.fixture
-def shown(gateway: tuple[Any, str]) -> Iterator[tuple[View, TreeViewer]]:
-    """The page with a green box on the left and a red one on the right, and the client that published them."""
-    browser, url = gateway
-    with clients.Client(base_url=url) as http:
-        hub = http.get("/healthz").json()["interfaces"]["treeviewer"]["tcpq"]["url"]
-    with TreeViewer(hub, timeout=SECONDS) as viewer:
-        viewer.delete()
-        viewer.set_view(background=None, grid=None, home=None)
-        viewer["ui"]["go"].set(Box((1, 1, 1), color=(0, 1, 0)), transform=(-1, 0, 0))
-        viewer["robot"].set(Box((1, 1, 1), color=(1, 0, 0)), transform=(1, 0, 0))
-        view = View(browser, url)
+def view(browser: Any, url: str, client: TreeViewer) -> Iterator[View]:
+    """The page with a green box on the left and a red one on the right."""
+    client.set_view(background=None, grid=None, home=None)
+    client["ui"]["go"].set(Box((1, 1, 1), color=(0, 1, 0)), transform=(-1, 0, 0))
+    client["robot"].set(Box((1, 1, 1), color=(1, 0, 0)), transform=(1, 0, 0))
+    with View(browser, url) as view:
         view.look_at("robot")
         view.until(lambda: min(view.share("red"), view.share("green")) > 0.02, "two boxes")
-        yield view, viewer
-        view.page.close()
-        assert view.faults == []
+        yield view
 
 
-def at(view: View, x: float) -> tuple[float, float]:
-    """Return the place on the page of a point on the x axis, seen from the side."""
-    project = """x => {
-      const { stage, Box3 } = scenegate;
-      const point = new Box3().min.set(x, -0.5, 0).project(scenegate.rig.camera);
-      const area = stage.renderer.domElement.getBoundingClientRect();
-      return [area.left + (point.x + 1) / 2 * area.width, area.top + (1 - point.y) / 2 * area.height];
-    }"""
-    left, top = view.page.evaluate(project, x)
-    return left, top
-
-
-def test_a_click_arrives_at_the_client(shown: tuple[View, TreeViewer]) -> None:
-    view, viewer = shown
+def test_a_click_arrives_at_the_client(view: View, client: TreeViewer) -> None:
     sent: list[str] = []
     view.page.on("websocket", lambda socket: socket.on("framesent", lambda text: sent.append(text)))
     view.page.reload()
@@ -70,52 +37,47 @@ def test_a_click_arrives_at_the_client(shown: tuple[View, TreeViewer]) -> None:
     heading = view.page.locator(".details h2")
 
     def selected() -> bool:
-        view.page.mouse.click(*at(view, -1.0))  # again: the page may not have drawn the boxes yet
+        view.page.mouse.click(*view.at(-1.0, -0.5, 0))  # again: the page may not have drawn the boxes yet
         texts: list[str] = heading.all_inner_texts()
         return texts == ["ui / go"]
 
     view.until(selected, "the box is selected")
     assert all(text == "k" for text in sent), "no client wants clicks"
     received: queue.Queue[Click] = queue.Queue()
-    stop = viewer.on_click("ui", received.put)
-    view.until(lambda: view.page.mouse.move(*at(view, -1.0)) or cursor(view) == "pointer", "a pointer on the button")
-    view.until(lambda: view.page.mouse.move(*at(view, 1.0)) or cursor(view) == "", "no pointer elsewhere")
-    view.page.mouse.click(*at(view, 1.0))
+    stop = client.on_click("ui", received.put)
+    view.until(
+        lambda: view.page.mouse.move(*view.at(-1.0, -0.5, 0)) or cursor(view) == "pointer", "a pointer on the button"
+    )
+    view.until(lambda: view.page.mouse.move(*view.at(1.0, -0.5, 0)) or cursor(view) == "", "no pointer elsewhere")
+    view.page.mouse.click(*view.at(1.0, -0.5, 0))
     for button in ("left", "middle", "right"):
-        view.page.mouse.click(*at(view, -1.0), button=button)
-        click = received.get(timeout=SECONDS)
+        view.page.mouse.click(*view.at(-1.0, -0.5, 0), button=button)
+        click = received.get(timeout=PAGE_SECONDS)
         assert (click.path, click.button) == (("ui", "go"), button)
         np.testing.assert_allclose(click.point, (-1.0, -0.5, 0.0), atol=0.02)
     stop()
-    view.page.mouse.move(*at(view, -1.0))
+    view.page.mouse.move(*view.at(-1.0, -0.5, 0))
     view.until(lambda: cursor(view) == "", "no pointer any more")
     assert received.empty()
 
 
 def cursor(view: View) -> str:
-    style: str = view.page.evaluate(f"{CANVAS}.style.cursor")
+    style: str = view.page.evaluate("scenegate.stage.canvas.style.cursor")
     return style
 
 
-def test_the_page_follows_the_view_of_the_client(shown: tuple[View, TreeViewer], gateway: tuple[Any, str]) -> None:
-    view, viewer = shown
-    browser, url = gateway
-    later = None
-    viewer.set_view(background=(0.0, 0.0, 1.0), grid=False, home=((0, 0.1, 8), (0, 0, 0), (0, 1, 0)))
+def test_the_page_follows_the_view_of_the_client(view: View, client: TreeViewer, browser: Any, url: str) -> None:
+    client.set_view(background=(0.0, 0.0, 1.0), grid=False, home=((0, 0.1, 8), (0, 0, 0), (0, 1, 0)))
     where = "[...scenegate.rig.camera.position.toArray(), ...scenegate.rig.camera.up.toArray()]"
     home = [0, 0.1, 8, 0, 1, 0]
-    try:
-        for page in (view, later := View(browser, url)):
+    with View(browser, url) as later:
+        for page in (view, later):
             page.until(lambda: page.share("blue") > 0.5, "a blue background")  # noqa: B023 - used at once
             page.until(lambda: np.allclose(page.page.evaluate(where), home), "the home camera")  # noqa: B023 - used at once
             assert not page.page.evaluate("scenegate.stage.grid.visible")
             page.open_display_menu()
             assert not page.page.get_by_label("Grid on the ground").is_checked()
             page.page.keyboard.press("Escape")
-    finally:
-        if later is not None:
-            later.page.close()
-            assert later.faults == []
     view.page.get_by_role("button", name="Top, from").click()
     view.until(lambda: view.page.evaluate("scenegate.rig.camera.up.toArray()") == [0, 0, 1], "from above")
     view.page.keyboard.press("h")
@@ -124,36 +86,32 @@ def test_the_page_follows_the_view_of_the_client(shown: tuple[View, TreeViewer],
     view.page.get_by_label("Background").select_option("white")
     view.until(lambda: view.share("blue") < 0.01, "the visitor's own background")
     view.page.get_by_label("Background").select_option("theme")
-    viewer.set_view(background=None, grid=True)
+    client.set_view(background=None, grid=True)
     view.until(lambda: view.share("blue") < 0.01, "the page's own background")
     assert view.page.evaluate("scenegate.stage.grid.visible")
 
 
-def test_hidden_and_faded_nodes(shown: tuple[View, TreeViewer], gateway: tuple[Any, str]) -> None:
-    view, viewer = shown
-    _, url = gateway
-    viewer["robot"].set_visible(False)
-    viewer["ui"].set_opacity(0.1)
+def test_hidden_and_faded_nodes(view: View, client: TreeViewer, url: str) -> None:
+    client["robot"].set_visible(False)
+    client["ui"].set_opacity(0.1)
     view.until(lambda: view.share("red") == 0.0, "the robot is hidden")
     view.until(lambda: view.share("green") < 0.01, "the button is faded")
-    with clients.Client(base_url=url) as http:
-        glb = http.get("/scene.glb").content
+    glb = clients.get(f"{url}/scene.glb").content
     (length,) = struct.unpack_from("<I", glb, 12)
     names = [node.get("name") for node in json.loads(glb[20 : 20 + length])["nodes"]]
     assert "ui" in names
     assert "robot" not in names
-    viewer["robot"].set_visible(True)
-    viewer["ui"].set_opacity(1.0)
+    client["robot"].set_visible(True)
+    client["ui"].set_opacity(1.0)
     view.until(lambda: min(view.share("red"), view.share("green")) > 0.02, "both are back")
 
 
-def test_one_light_opens_the_state_of_all_interfaces(shown: tuple[View, TreeViewer]) -> None:
+def test_one_light_opens_the_state_of_all_interfaces(view: View, client: TreeViewer) -> None:
     """It has the worst state, and fits windows of any width."""
-    view, viewer = shown
     light = view.page.locator(".status summary .light")
     view.until(lambda: light.inner_text().endswith(" interfaces ready"), "all are ready")
     green = light.evaluate("e => getComputedStyle(e, '::before').backgroundColor")
-    viewer["bad"].set(Box((-1, 1, 1)))
+    client["bad"].set(Box((-1, 1, 1)))
     view.until(lambda: light.inner_text() == "Tree viewer: 1 warning", "a warning")
     assert light.evaluate("e => getComputedStyle(e, '::before').backgroundColor") != green
     view.page.evaluate("document.querySelector('.status').style.fontSize = '15px'")  # as a larger font of the browser
@@ -167,7 +125,7 @@ def test_one_light_opens_the_state_of_all_interfaces(shown: tuple[View, TreeView
     sentence.wait_for()
     tree = view.page.locator(".status li", has_text="Tree viewer")
     assert view.page.locator(".status li", has_text=": ready").count() > 3
-    viewer["bad"].delete()
+    client["bad"].delete()
     view.until(lambda: light.inner_text().endswith(" interfaces ready"), "all are ready again")
     sentence.wait_for(state="detached")
     view.page.locator(".status summary").focus()

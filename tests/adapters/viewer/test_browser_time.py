@@ -9,36 +9,20 @@ from urllib.parse import parse_qs, urlsplit
 import pytest
 
 from scenegate import Box, TreeViewer
-from tests.adapters.viewer.page import View
+from tests.adapters.viewer.page import FLAGS, View
 from tests.support import clients
-from tests.support.browser import chromium
 from tests.support.gateway_process import gateway_process
-from tests.support.waiting import SECONDS
 
 pytestmark = [pytest.mark.browser, pytest.mark.slow]
 
 
-@pytest.fixture(scope="module")
-def gateway() -> Iterator[tuple[Any, str]]:
-    """A browser, and the URL of a gateway."""
-    with chromium() as browser, gateway_process("--lcm-url", "off", "--grpc-port", "0", "--tcpq-port", "0") as (_, url):
-        yield browser, url
-
-
 @pytest.fixture
-def shown(gateway: tuple[Any, str]) -> Iterator[tuple[View, TreeViewer]]:
-    """The page with a cart at x = 0, and the client that published it."""
-    browser, url = gateway
-    with clients.Client(base_url=url) as http:
-        hub = http.get("/healthz").json()["interfaces"]["treeviewer"]["tcpq"]["url"]
-    with TreeViewer(hub, timeout=SECONDS) as viewer:
-        viewer.delete()
-        viewer["cart"].set(Box((0.4, 0.3, 0.2), color=(1, 0, 0)), transform=(0, 0, 0))
-        view = View(browser, url)
+def view(browser: Any, url: str, client: TreeViewer) -> Iterator[View]:
+    """The page with a cart at x = 0."""
+    client["cart"].set(Box((0.4, 0.3, 0.2), color=(1, 0, 0)), transform=(0, 0, 0))
+    with View(browser, url) as view:
         view.wait_for_node("cart")
-        yield view, viewer
-        view.page.close()
-        assert view.faults == []
+        yield view
 
 
 def move(viewer: TreeViewer, x: float) -> None:
@@ -59,14 +43,13 @@ def moment(view: View) -> str:
     return str(bar(view).get_by_role("status").inner_text())
 
 
-def test_a_page_rests_while_the_scene_moves_until_it_is_live_again(shown: tuple[View, TreeViewer]) -> None:
-    view, viewer = shown
-    move(viewer, 1.0)
+def test_a_page_rests_while_the_scene_moves_until_it_is_live_again(view: View, client: TreeViewer) -> None:
+    move(client, 1.0)
     view.until(lambda: x_of(view) == 1.0, "live")
     bar(view).get_by_role("button", name="Pause").click()
     view.until(lambda: bar(view).get_by_role("button", name="Play (P)").is_visible(), "paused")
     for x in (2.0, 3.0):
-        move(viewer, x)
+        move(client, x)
         time.sleep(0.1)  # short: the history merges changes within 11 ms
     view.until(lambda: re.match(r"[1-9]\d*\.\d s ago", moment(view)), "a second later")
     assert x_of(view) == 1.0
@@ -80,18 +63,18 @@ def test_a_page_rests_while_the_scene_moves_until_it_is_live_again(shown: tuple[
     assert not bar(view).get_by_role("status").is_visible()
 
 
-def test_the_slider_is_dragged_and_has_keys(shown: tuple[View, TreeViewer]) -> None:
-    view, viewer = shown
-    move(viewer, 1.0)
+def test_the_slider_is_dragged_and_has_keys(view: View, client: TreeViewer) -> None:
+    client["new"].set(Box((0.1, 0.1, 0.1)))  # carts of other tests are in the history
+    move(client, 1.0)
     view.until(lambda: x_of(view) == 1.0, "live")
     slider = bar(view).get_by_role("slider", name="Time")
     slider.focus()
     slider.press("Home")
-    view.until(lambda: view.page.evaluate("scenegate.model.find(['cart'])") is None, "before it was published")
+    view.until(lambda: view.page.evaluate("scenegate.model.find(['new'])") is None, "before it was published")
     assert view.page.locator(".empty-state").count() == 0, "the scene of now is not empty"
-    assert "s ago" in slider.get_attribute("aria-valuetext")
+    assert " ago" in slider.get_attribute("aria-valuetext")
     slider.press("End")
-    view.until(lambda: view.page.evaluate("scenegate.model.find(['cart'])") and x_of(view) == 1.0, "live")
+    view.until(lambda: view.page.evaluate("scenegate.model.find(['new'])") and x_of(view) == 1.0, "live")
     view.page.evaluate("new Promise((done) => setTimeout(done, 3500))")  # so long a history
     for _ in range(3):
         slider.press("ArrowLeft")
@@ -107,39 +90,32 @@ def test_the_slider_is_dragged_and_has_keys(shown: tuple[View, TreeViewer]) -> N
     view.until(lambda: bar(view).get_by_role("button", name="Play (P)").is_visible(), "paused by the mouse")
 
 
-def test_the_address_has_the_moment(shown: tuple[View, TreeViewer], gateway: tuple[Any, str]) -> None:
-    view, viewer = shown
-    move(viewer, 1.0)
+def test_the_address_has_the_moment(view: View, client: TreeViewer, browser: Any, url: str) -> None:
+    move(client, 1.0)
     view.until(lambda: x_of(view) == 1.0, "live")
     view.page.keyboard.press("p")
     view.until(lambda: "time=" in view.page.url, "the address has the time")
     time = parse_qs(urlsplit(view.page.url).fragment)["time"][0]
-    move(viewer, 2.0)
-    browser, url = gateway
-    other = View(browser, url)
-    other.page.goto(view.page.url)
-    other.until(lambda: other.page.evaluate("scenegate.model.find(['cart'])") and x_of(other) == 1.0, "the same moment")
-    render = view.page.get_by_role("link", name="Render")
-    with clients.Client(base_url=url) as http:
-        listing = http.get("/scene", params={"time": time}).json()
+    move(client, 2.0)
+    listing = clients.get(f"{url}/scene", params={"time": time}).json()
     assert next(node for node in listing["nodes"] if node["path"] == ["cart"])["transform"][0][3] == 1.0
     with view.page.expect_response(lambda each: "scene/render" in each.url) as response:
-        render.click()
+        view.page.get_by_role("link", name="Render").click()
     drawn_at = parse_qs(urlsplit(response.value.url).query)["time"][0]
     assert float(drawn_at) == pytest.approx(float(time), rel=0.0, abs=1e-3)
-    other.page.keyboard.press("l")
-    other.until(lambda: x_of(other) == 2.0 and "time=" not in other.page.url, "live again")
-    other.page.close()
-    assert other.faults == []
+    with View(browser, url) as other:
+        other.page.goto(view.page.url)
+        other.until(lambda: other.page.evaluate("scenegate.model.find(['cart'])") and x_of(other) == 1.0, "that moment")
+        other.page.keyboard.press("l")
+        other.until(lambda: x_of(other) == 2.0 and "time=" not in other.page.url, "live again")
 
 
-def test_a_page_is_live_if_the_gateway_comes_back_without_history(gateway: tuple[Any, str]) -> None:
-    arguments = ("--lcm-url", "off", "--grpc-port", "0", "--tcpq-port", "0")
-    with gateway_process(*arguments) as (_, url):
-        view = View(gateway[0], url)
+def test_a_page_is_live_if_the_gateway_comes_back_without_history(browser: Any) -> None:
+    with gateway_process(*FLAGS) as (_, url):
+        view = View(browser, url)
         view.until(lambda: bar(view).is_visible(), "a time bar")
         view.page.keyboard.press("p")
         view.until(lambda: "time=" in view.page.url, "paused")
-    with gateway_process(*arguments, "--port", url.rsplit(":", 1)[1], "--history-seconds", "0"):
+    with gateway_process(*FLAGS, "--port", url.rsplit(":", 1)[1], "--history-seconds", "0"):
         view.until(lambda: bar(view).count() == 0 and "time=" not in view.page.url, "live, without a time bar")
     view.page.close()

@@ -12,7 +12,6 @@ from gateway.adapters.viewer.colormaps import (
     confidence_to_rgb,
     depth_to_rgb,
     disparity_to_rgb,
-    gray_to_rgb,
     shrink_to_width,
 )
 from gateway.adapters.viewer.recent_renders import encode_preview
@@ -66,10 +65,6 @@ def test_disparity_is_colored_between_its_percentiles() -> None:
 def test_confidence_is_colored_from_1_to_255() -> None:
     rgb = pixels(confidence_to_rgb(np.array([[0, 1, 128, 255]], np.uint8)))
     assert rgb == [BLACK, *(color_of(level, cv2.COLORMAP_VIRIDIS) for level in (1, 128, 255))]
-
-
-def test_gray_becomes_rgb() -> None:
-    assert pixels(gray_to_rgb(np.array([[3, 200]], np.uint8))) == [(3, 3, 3), (200, 200, 200)]
 
 
 @pytest.mark.parametrize(("width", "shape"), [(None, (6, 8)), (9, (6, 8)), (8, (6, 8)), (4, (3, 4)), (1, (1, 1))])

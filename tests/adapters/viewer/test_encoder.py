@@ -20,10 +20,11 @@ from gateway.scene.tree.live import LiveTree, Snapshot
 from gateway.scene.tree.nodes import Node, TreeEdit
 from renderers.drawlist import AlphaMode, Image, Material, Mesh, Texture
 from scenegate.messages.geometry import Box, Sphere
-from tests.adapters.viewer.model import Model, browser_of, tree_of
+from tests.adapters.viewer.model import Model, body_array, browser_of, tree_of
 from tests.support.view_frames import parse_frame
 
 MATERIAL = Material()
+TRIANGLE = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0]], np.float32)
 NAMES = st.sampled_from(["a", "b", 1, "1", "a/b", ""])
 PATHS = st.lists(NAMES, min_size=0, max_size=3).map(tuple)
 SHAPES = st.sampled_from([Box((1, 2, 3)), Sphere(1.0), Box((1, 1, 1))])
@@ -210,33 +211,6 @@ def test_large_coordinates_are_exact() -> None:
     assert tree_now["matrix",][2][0] == 1e300
 
 
-def test_page_drops_meshes_that_no_longer_exist() -> None:
-    tree, resources = LiveTree(), Resources()
-    encoder = Encoder(resources)
-    positions = np.zeros((3, 3), np.float32)
-    with tree.edit() as edit:
-        mesh = Mesh(positions, np.array([[0, 1, 2]], np.uint32))
-        edit.set_parts(("deep", "mesh"), (Part(Surface(mesh), MATERIAL),))
-    del mesh
-    encoder.advance(tree.snapshot)
-    page = Page(encoder, resources)
-    page.catch_up()
-    with tree.edit() as edit:
-        edit.delete(("deep",))
-    encoder.advance(tree.snapshot)
-    page.catch_up()
-    del edit
-    gc.collect()
-    removed = resources.take_removed_meshes()
-    assert removed
-    page.browser.remove_meshes(removed)
-    frame = page.browser.take_forget_frame()
-    assert frame is not None
-    page.model.receive(frame)
-    assert page.browser.take_forget_frame() is None
-    assert page.model.meshes == set()
-
-
 def test_materials_and_channels_are_encoded() -> None:
     tree, resources = LiveTree(), Resources()
     encoder = Encoder(resources)
@@ -299,52 +273,54 @@ def test_sample_order_is_a_permutation(count: int) -> None:
     assert np.array_equal(np.sort(sample_order(count)), np.arange(count))
 
 
+def material_json(**fields: Any) -> dict[str, Any]:
+    """Return a material as the page receives it."""
+    mesh = Mesh(TRIANGLE, np.array([[0, 1, 2]], np.uint32), uv0=TRIANGLE[:, :2].copy(), uv1=TRIANGLE[:, 1:].copy())
+    (draw,) = part_json(Part(Surface(mesh), Material(**fields)))["draws"]
+    material: dict[str, Any] = draw["material"]
+    return material
+
+
+def test_materials_are_encoded_without_defaults() -> None:
+    blend, mask = AlphaMode.BLEND, AlphaMode.MASK
+    assert set(material_json(metallic=0.0)) == {"color"}
+    changed = material_json(roughness=0.5, emissive=(0.0, 0.5, 1.0), double_sided=True, alpha_mode=blend)
+    assert set(changed) == {"color", "metallic", "roughness", "emissive", "doubleSided", "alpha"}
+    assert changed["emissive"] == pytest.approx([0.0, 0.735357, 1.0], abs=1e-5), "encoded as the colour is"
+    for cutoff, encoded in ((0.5, None), (0.25, 0.25), (1.5, 1.5), (0.0, 0.0)):
+        masked = material_json(alpha_mode=mask, alpha_cutoff=cutoff)
+        assert (masked["alpha"], masked.get("cutoff")) == ("mask", encoded)
+    assert part_json(Part(Box((1, 1, 1)), Material(), kind="text"))["facesCamera"] is True
+    assert "facesCamera" not in part_json(Part(Box((1, 1, 1)), Material()))
+
+
 def test_maps_of_a_material_are_encoded() -> None:
-    image = Image(b"key", lambda: np.zeros((1, 1, 4), np.uint8))
-    texture = Texture(image)
-    material = Material(
-        metallic_roughness_texture=texture,
-        normal_texture=texture,
-        normal_scale=0.5,
-        occlusion_texture=texture,
-        occlusion_strength=0.25,
-        emissive_texture=texture,
-        emissive_strength=3.0,
+    texture = Texture(
+        Image(b"key", lambda: np.zeros((1, 1, 4), np.uint8)), uv_set=1, uv_transform=(2.0, 0.0, 0.5, 0.0, 3.0, 0.25)
     )
-    corners = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0]], np.float32)
-    mesh = Mesh(corners, np.array([[0, 1, 2]], np.uint32), uv0=corners[:, :2].copy())
-    (draw,) = part_json(Part(Surface(mesh), material))["draws"]
-    sent = draw["material"]
-    maps = ("metallicRoughnessTexture", "normalTexture", "occlusionTexture", "emissiveTexture")
-    assert {sent[name]["image"] for name in maps} == {1}, "one image, one download"
+    maps = ("metallic_roughness_texture", "normal_texture", "occlusion_texture", "emissive_texture")
+    sent = material_json(
+        **dict.fromkeys(maps, texture), normal_scale=0.5, occlusion_strength=0.25, emissive_strength=3.0
+    )
+    names = ("metallicRoughnessTexture", "normalTexture", "occlusionTexture", "emissiveTexture")
+    expected = {
+        "image": 1,
+        "wrap": [10497, 10497],
+        "linear": True,
+        "set": 1,
+        "transform": [2.0, 0.0, 0.5, 0.0, 3.0, 0.25],
+    }
+    assert [sent[name] for name in names] == [expected] * 4
     assert (sent["normalScale"], sent["occlusionStrength"], sent["emissiveStrength"]) == (0.5, 0.25, 3.0)
     assert "texture" not in sent
+    assert material_json(base_color_texture=texture)["texture"]["set"] == 1
 
 
-def test_alpha_mask_emission_and_texture_transform_are_encoded() -> None:
-    tree, resources = LiveTree(), Resources()
-    encoder = Encoder(resources)
-    image = Image(b"key", lambda: np.zeros((1, 1, 4), np.uint8))
-    texture = Texture(image, uv_set=1, uv_transform=(2.0, 0.0, 0.5, 0.0, 3.0, 0.25))
-    leaf = Material(base_color_texture=texture, emissive=(0.0, 0.5, 1.0), alpha_mode=AlphaMode.MASK, alpha_cutoff=0.25)
-    corners = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0]], np.float32)
-    mesh = Mesh(corners, np.array([[0, 1, 2]], np.uint32), uv1=corners[:, :2].copy())
-    with tree.edit() as edit:
-        edit.set_parts(("leaf",), (Part(Surface(mesh), leaf),))
-    encoder.advance(tree.snapshot)
-    update = asyncio.run(encoder.update(EMPTY_SNAPSHOT))[0]
-    header, _ = parse_frame(update.frame)
-    (part,) = next(entry for entry in header["nodes"] if entry["name"] == "leaf")["parts"]
-    material = part["draws"][0]["material"]
-    assert (material["alpha"], material["cutoff"]) == ("mask", 0.25)
-    assert material["emissive"] == pytest.approx([0.0, 0.735357, 1.0], abs=1e-5), "encoded as the colour is"
-    assert material["texture"]["set"] == 1
-    assert material["texture"]["transform"] == [2.0, 0.0, 0.5, 0.0, 3.0, 0.25]
-    frame = resources.mesh_frame(part["draws"][0]["mesh"])
-    assert frame is not None
-    head, body = parse_frame(frame)
-    offset, count = head["uv1"]
-    assert np.frombuffer(body, np.float32, count, offset).tolist() == [0, 0, 1, 0, 0, 1]
+def test_both_sets_of_texture_coordinates_are_encoded() -> None:
+    mesh = Mesh(TRIANGLE, np.array([[0, 1, 2]], np.uint32), uv0=TRIANGLE[:, :2].copy(), uv1=TRIANGLE[:, 1:].copy())
+    header, body = parse_frame(encode_mesh(1, mesh))
+    for name, values in (("uv", TRIANGLE[:, :2]), ("uv1", TRIANGLE[:, 1:])):
+        assert body_array(body, header[name], "<f4").tolist() == values.ravel().tolist()
 
 
 def test_stereo_rig_pose_is_column_major_or_null() -> None:
@@ -365,13 +341,6 @@ def test_stereo_rig_pose_is_column_major_or_null() -> None:
     assert parse_frame(encode_stereo_rig(None))[0]["pose"] is None
 
 
-@pytest.mark.parametrize(("cutoff", "encoded"), [(0.5, None), (0.25, 0.25), (1.5, 1.5), (0.0, 0.0)])
-def test_only_the_default_cutoff_is_left_out(cutoff: float, encoded: float | None) -> None:
-    material = Material(alpha_mode=AlphaMode.MASK, alpha_cutoff=cutoff)
-    part = part_json(Part(Box((1, 1, 1)), material))
-    assert part["draws"][0]["material"].get("cutoff") == encoded
-
-
 @pytest.mark.parametrize(
     ("corners", "elements", "written"),
     [(3, [0, 1, 2], False), (3, [0, 2, 1], True), (4, [0, 1, 2], True), (3, [0, 1, 2, 0, 1, 2], True)],
@@ -382,11 +351,9 @@ def test_indices_are_left_out_where_they_count_the_vertices(corners: int, elemen
     header, body = parse_frame(encode_mesh(5, mesh))
     assert header["id"] == 5
     assert ("index" in header) == written
-    offset, count = header["position"]
-    assert np.frombuffer(body, "<f4", count, offset).tolist() == positions.ravel().tolist()
+    assert body_array(body, header["position"], "<f4").tolist() == positions.ravel().tolist()
     if written:
-        offset, count = header["index"]
-        assert np.frombuffer(body, "<u4", count, offset).tolist() == elements
+        assert body_array(body, header["index"], "<u4").tolist() == elements
 
 
 def test_colours_are_rounded_and_clamped() -> None:
@@ -418,14 +385,7 @@ def test_vertex_colours_are_encoded_as_srgb(indices: Any) -> None:
     colors = np.full((3, 4), 0.5, np.float32)
     mesh = Mesh(np.zeros((3, 3), np.float32), np.array(indices, np.uint32), colors=colors)
     header, body = parse_frame(encode_mesh(1, mesh))
-    offset, count = header["color"]
-    assert list(body[offset : offset + count]) == [188, 188, 188, 128] * 3
-
-
-def test_text_faces_the_camera() -> None:
-    part = part_json(Part(Box((1, 1, 1)), Material(), kind="text"))
-    assert part["facesCamera"] is True
-    assert "facesCamera" not in part_json(Part(Box((1, 1, 1)), Material()))
+    assert body_array(body, header["color"], "u1").tolist() == [188, 188, 188, 128] * 3
 
 
 async def test_trees_of_the_same_revision_that_were_decoded_apart() -> None:

@@ -4,6 +4,7 @@ import asyncio
 import gc
 import threading
 import weakref
+from collections.abc import AsyncIterator
 from dataclasses import replace
 from typing import Any
 
@@ -22,8 +23,7 @@ from gateway.scene.page.live_page import LivePage
 from gateway.scene.tree.geometry import Part, Surface
 from gateway.scene.tree.live import LiveTree, Snapshot
 from renderers.drawlist import Material, Mesh
-from scenegate.messages.geometry import Box, Sphere
-from tests.adapters.viewer.model import Model, tree_of
+from tests.adapters.viewer.model import Model, add_box, box_tree, running, tree_of
 from tests.support.view_frames import parse_frame
 from tests.support.waiting import SECONDS, until
 
@@ -81,17 +81,12 @@ class StereoOnBox:
 
 
 @pytest.fixture
-async def hub() -> Any:
-    tree = LiveTree()
-    with tree.edit() as edit:
-        edit.set_parts(("box",), (Part(Box((1, 1, 1)), Material()),))
-
+async def hub() -> AsyncIterator[tuple[ViewHub, LiveTree]]:
+    tree = box_tree()
     hub = ViewHub(QUICK, tree, status=lambda: Status(facts=[Fact(name="queue", value=3)]), stereo=StereoOnBox())
-    running = asyncio.create_task(hub.run())
-    await asyncio.sleep(0)
-    yield hub, tree
-    running.cancel()
-    await asyncio.gather(running, return_exceptions=True)
+    async with running(hub):
+        await asyncio.sleep(0)
+        yield hub, tree
 
 
 async def test_browser_gets_only_the_newest_update_after_its_acknowledgement(hub: Any) -> None:
@@ -112,98 +107,61 @@ async def test_browser_gets_only_the_newest_update_after_its_acknowledgement(hub
     assert view.status()["browsers"] == 0
 
 
-async def test_new_browser_gets_an_empty_scene() -> None:
-    view = ViewHub(QUICK, LiveTree())
-    running = asyncio.create_task(view.run())
-    client = Client(view.connect())
-    assert "nodes" not in await client.update()
-    client.browser.close()
-    running.cancel()
-    await asyncio.gather(running, return_exceptions=True)
-
-
 async def test_stalled_browser_does_not_keep_its_snapshot_alive() -> None:
-    tree = LiveTree()
-    with tree.edit() as edit:
-        edit.set_parts(("box",), (Part(Box((1, 1, 1)), Material()),))
-    view = ViewHub(replace(QUICK, ack_timeout_seconds=0.0), tree)
-    running = asyncio.create_task(view.run())
-    client = Client(view.connect())
-    assert (await client.update())["from"] == 0
-    held = weakref.ref(tree.snapshot.root)
-    with tree.edit() as edit:
-        edit.delete(("box",))
-        edit.set_parts(("ball",), (Part(Sphere(1.0), Material()),))
+    tree = box_tree()
+    async with running(ViewHub(replace(QUICK, ack_timeout_seconds=0.0), tree)) as view:
+        client = Client(view.connect())
+        assert (await client.update())["from"] == 0
+        held = weakref.ref(tree.snapshot.root)
+        with tree.edit() as edit:
+            edit.delete(("box",))
+        add_box(tree, "ball")
 
-    def freed() -> bool:
-        gc.collect()
-        return held() is None
+        def freed() -> bool:
+            gc.collect()
+            return held() is None
 
-    await until(freed)
-    client.browser.acknowledge()
-    assert (await client.update())["from"] == 0, "the update is the whole scene"
-    assert client.model.tree() == tree_of(tree.snapshot.root)
-    running.cancel()
-    await asyncio.gather(running, return_exceptions=True)
+        await until(freed)
+        client.browser.acknowledge()
+        assert (await client.update())["from"] == 0, "the update is the whole scene"
+        assert client.model.tree() == tree_of(tree.snapshot.root)
 
 
-async def test_status_and_stereo_rig_are_sent(hub: Any) -> None:
+async def test_status_and_stereo_rig_are_sent_and_the_rig_again_only_if_it_moved(hub: Any) -> None:
     view, tree = hub
     client = Client(view.connect())
     await client.update()
-    assert client.latest["rig"]["pose"][12] == 0.0
+    assert client.latest.pop("rig")["pose"][12] == 0.0
     assert {"name": "queue", "value": 3} in client.latest["status"]["facts"]
     assert {"name": "viewers", "value": 0} in client.latest["status"]["facts"]
-    move(tree, 2.5)
+    client.browser.acknowledge()
+    add_box(tree, "ball")
+    await client.update()
+    assert "rig" not in client.latest
+    client.browser.acknowledge()
+    await asyncio.to_thread(move, tree, 2.5)  # edits of other threads are sent, too
     assert (await client.next_frame("rig"))["pose"][12] == 2.5
-    client.browser.close()
+    await client.update()
+    assert client.model.tree()["box",][2][0] == 2.5
 
 
 async def test_the_status_counts_render_requests() -> None:
     renders: list[RenderRecord] = []
-    view = ViewHub(QUICK, LiveTree(), renders=renders)
-    running = asyncio.create_task(view.run())
-    client = Client(view.connect())
-    assert "renders" not in await client.next_frame("status")
-    renders.append(RenderRecord(7, 0.0, 200, 0.1, 0.0, "color", "", "color", b"x", "image/png", ""))
-    while (await client.next_frame("status")).get("renders") != 7:
-        pass
-    client.browser.close()
-    running.cancel()
-    await asyncio.gather(running, return_exceptions=True)
-
-
-async def test_rejects_browsers_beyond_the_limit(hub: Any) -> None:
-    view, _ = hub
-    browsers = [view.connect() for _ in range(QUICK.max_browsers)]
-    with pytest.raises(ConnectionRefusedError, match="max_browsers"):
-        view.connect()
-    browsers[0].close()
-    view.connect()
+    async with running(ViewHub(QUICK, LiveTree(), renders=renders)) as view:
+        client = Client(view.connect())
+        assert "renders" not in await client.next_frame("status")
+        renders.append(RenderRecord(7, 0.0, 200, 0.1, 0.0, "color", "", "color", b"x", "image/png", ""))
+        while (await client.next_frame("status")).get("renders") != 7:
+            pass
 
 
 async def test_frames_end_when_the_hub_is_cancelled() -> None:
-    tree = LiveTree()
-    view = ViewHub(QUICK, tree)
-    running = asyncio.create_task(view.run())
-    await asyncio.sleep(0)
-    assert view.ready
-    browser = view.connect()
-    running.cancel()
-    await asyncio.gather(running, return_exceptions=True)
+    async with running(ViewHub(QUICK, LiveTree())) as view:
+        await asyncio.sleep(0)
+        assert view.ready
+        browser = view.connect()
     assert [parse_frame(frame)[0]["kind"] async for frame in browser.frames()] == []
     assert not view.ready
-
-
-async def test_edits_from_other_threads_are_sent(hub: Any) -> None:
-    view, tree = hub
-    client = Client(view.connect())
-    await client.update()
-    client.browser.acknowledge()
-    await asyncio.to_thread(move, tree, 7.0)
-    await client.update()
-    assert np.isclose(client.model.tree()["box",][2][0], 7.0)
-    client.browser.close()
 
 
 async def test_pages_drop_meshes_that_were_deleted(hub: Any) -> None:
@@ -225,51 +183,26 @@ async def test_pages_drop_meshes_that_were_deleted(hub: Any) -> None:
     client.browser.acknowledge()
     gc.collect()
     assert (await client.next_frame("forget"))["meshes"] == [number]
-    client.browser.close()
-
-
-async def test_the_stereo_rig_is_sent_again_only_if_it_moved(hub: Any) -> None:
-    view, tree = hub
-    client = Client(view.connect())
-    await client.update()
-    del client.latest["rig"]
-    client.browser.acknowledge()
-    with tree.edit() as edit:
-        edit.set_parts(("ball",), (Part(Sphere(1.0), Material()),))
-    await client.update()
-    assert "rig" not in client.latest
-    move(tree, 1.0)
-    assert (await client.next_frame("rig"))["pose"][12] == 1.0
-    client.browser.close()
 
 
 async def test_settings_of_the_page_are_sent_when_they_change_and_to_later_pages() -> None:
     page, now = LivePage(), [0.0]
     page.clicks = ClickSubscriptions(clock=lambda: now[0])
-    hub = ViewHub(QUICK, LiveTree(), live_page=page)
-    running = asyncio.create_task(hub.run())
-    client = Client(hub.connect())
-    assert await client.next_frame("page") == {
-        "kind": "page",
-        "background": None,
-        "grid": None,
-        "home": None,
-        "clickable": [],
-    }
-    home = LookAtCamera((1, 2, 3), (0, 0, 0))
-    page.change_view({"background": (1.0, 0.5, 0.0), "grid": False, "home": home})
-    frame = await client.next_frame("page")
-    assert (frame["background"], frame["grid"]) == ([1.0, 0.5, 0.0], False)
-    assert frame["home"] == {"eye": [1, 2, 3], "target": [0, 0, 0], "up": [0, 0, 1]}
-    page.clicks.subscribe("client", [("a", 1)], print)
-    page.notify()
-    frame = await client.next_frame("page")
-    assert (frame["clickable"], frame["grid"]) == ([["a", 1]], False)
-    assert await Client(hub.connect()).next_frame("page") == frame
-    now[0] = 1e6  # the client has vanished
-    assert (await client.next_frame("page"))["clickable"] == []
-    running.cancel()
-    await asyncio.gather(running, return_exceptions=True)
+    async with running(ViewHub(QUICK, LiveTree(), live_page=page)) as hub:
+        client = Client(hub.connect())
+        unset: dict[str, Any] = {"background": None, "grid": None, "home": None, "clickable": []}
+        assert await client.next_frame("page") == {"kind": "page", **unset}
+        page.change_view({"background": (1.0, 0.5, 0.0), "grid": False, "home": LookAtCamera((1, 2, 3), (0, 0, 0))})
+        frame = await client.next_frame("page")
+        assert (frame["background"], frame["grid"]) == ([1.0, 0.5, 0.0], False)
+        assert frame["home"] == {"eye": [1, 2, 3], "target": [0, 0, 0], "up": [0, 0, 1]}
+        page.clicks.subscribe("client", [("a", 1)], print)
+        page.notify()
+        frame = await client.next_frame("page")
+        assert (frame["clickable"], frame["grid"]) == ([["a", 1]], False)
+        assert await Client(hub.connect()).next_frame("page") == frame
+        now[0] = 1e6  # the client has vanished
+        assert (await client.next_frame("page"))["clickable"] == []
 
 
 @pytest.mark.parametrize(("limit", "threads"), [(0, 1), (1 << 40, 0)])

@@ -1,16 +1,11 @@
 """The page's types are written from the structs of messages."""
 
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal
 
 import msgspec
 import pytest
 
 from gateway.adapters.viewer import messages
-from gateway.adapters.viewer.geometry_messages import part_message
-from gateway.adapters.viewer.resources import Resources
-from gateway.scene.tree.geometry import Part
-from renderers.drawlist import AlphaMode, Material
-from scenegate.messages.geometry import Box
 from tools.page_types import Writer, page_types
 
 
@@ -64,14 +59,3 @@ def test_every_message_is_in_the_module() -> None:
     for message in messages.MESSAGES:
         assert f'export interface {message.__name__} {{\n  kind: "{message.__struct_config__.tag}";\n' in module
     assert "  min?: number;\n" in module, "of the controls that have it"
-
-
-def test_properties_with_their_default_are_left_out() -> None:
-    def encoded(material: Material) -> dict[str, Any]:
-        (draw,) = part_message(Part(Box((1, 1, 1)), material), Resources()).draws
-        decoded: dict[str, Any] = msgspec.json.decode(msgspec.json.encode(draw.material))
-        return decoded
-
-    assert set(encoded(Material(metallic=0.0))) == {"color"}
-    changed = Material(roughness=0.5, emissive=(0.0, 0.5, 1.0), double_sided=True, alpha_mode=AlphaMode.BLEND)
-    assert set(encoded(changed)) == {"color", "metallic", "roughness", "emissive", "doubleSided", "alpha"}

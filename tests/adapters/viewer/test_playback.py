@@ -16,15 +16,14 @@ from gateway.replay.history import TreeHistory
 from gateway.scene.tree.geometry import Part
 from gateway.scene.tree.live import LiveTree, Snapshot
 from gateway.scene.tree.nodes import Node, TreeEdit
-from gateway.scene.tree.timeline import Timeline, state_at
+from gateway.scene.tree.timeline import state_at
 from renderers.drawlist import Material
 from scenegate.messages.geometry import Box
-from tests.adapters.viewer.model import Model, tree_of
+from tests.adapters.viewer.model import Model, running, tree_of
+from tests.adapters.viewer.recordings import SECOND, States
 from tests.adapters.viewer.test_hub import QUICK, StereoOnBox, move
 from tests.support.view_frames import parse_frame
 from tests.support.waiting import SECONDS
-
-SECOND = 1_000_000_000
 
 
 class Page:
@@ -59,40 +58,31 @@ class Page:
                     self.browser.acknowledge()
 
 
-class Log(Timeline):
-    """A timeline without a live end: the box is at x = 0, 1, 2 … at each second."""
+def moved_box(x: float) -> Snapshot:
+    """Return a state with a box at x, ``x`` seconds after the log's begin."""
+    edit = TreeEdit(Node())
+    edit.set_parts(("box",), (Part(Box((1, 1, 1)), Material()),))
+    edit.set_pose(("box",), (x, 0, 0, 1, 0, 0, 0))
+    return Snapshot(edit.commit(), round(x) + 1, round((1000 + x) * SECOND))
 
-    def __init__(self, count: int) -> None:
-        self.first = 1000 * SECOND
-        self.roots = [self._root(x) for x in range(count)]
+
+class Log(States):
+    """A timeline without a live end, which can be slow or fail."""
+
+    def __init__(self, snapshots: list[Snapshot]) -> None:
+        super().__init__(snapshots)
         self.looked_for: list[int] = []
         self.gate = asyncio.Event()
         self.gate.set()
         self.problem: Exception | None = None
 
-    def _root(self, x: float) -> Node:
-        edit = TreeEdit(Node())
-        edit.set_parts(("box",), (Part(Box((1, 1, 1)), Material()),))
-        edit.set_pose(("box",), (x, 0, 0, 1, 0, 0, 0))
-        return edit.commit()
-
-    @property
-    def span(self) -> tuple[int, int]:
-        return self.first, self.first + (len(self.roots) - 1) * SECOND
-
     async def snapshot_at(self, time: int) -> Snapshot:
         if self.problem is not None:
             raise self.problem
-        index = max(0, min((time - self.first) // SECOND, len(self.roots) - 1))
-        self.looked_for.append(index)
+        found = await super().snapshot_at(time)
+        self.looked_for.append(found.revision - 1)
         await self.gate.wait()
-        return Snapshot(self.roots[index], index + 1, self.first + index * SECOND)
-
-    def simulation_seconds_at(self, time: int) -> float | None:
-        return None
-
-    def held(self) -> Log:
-        return self
+        return found
 
 
 class Stereo(StereoOnBox):
@@ -126,26 +116,19 @@ class Scene:
 @pytest.fixture
 async def scene() -> AsyncIterator[Scene]:
     scene = Scene()
-    running = asyncio.create_task(scene.hub.run())
-    yield scene
-    running.cancel()
-    await asyncio.gather(running, return_exceptions=True)
+    async with running(scene.hub):
+        yield scene
 
 
 @pytest.fixture
 async def log() -> Log:
-    return Log(11)
+    return Log([moved_box(x) for x in range(11)])
 
 
 @pytest.fixture
 async def log_page(log: Log) -> AsyncIterator[Page]:
-    hub = ViewHub(QUICK, LiveTree(), timeline=log, has_live=False)
-    running = asyncio.create_task(hub.run())
-    page = Page(hub.connect())
-    yield page
-    page.browser.close()
-    running.cancel()
-    await asyncio.gather(running, return_exceptions=True)
+    async with running(ViewHub(QUICK, LiveTree(), timeline=log, has_live=False)) as hub:
+        yield Page(hub.connect())
 
 
 async def test_a_paused_page_stays_while_the_scene_goes_on(scene: Scene) -> None:
@@ -167,10 +150,7 @@ async def test_a_paused_page_stays_while_the_scene_goes_on(scene: Scene) -> None
 
 
 async def test_seeking_shows_each_moment_with_its_camera(scene: Scene) -> None:
-    for x in range(1, 9):
-        scene.move(float(x))
-    page = Page(scene.hub.connect())
-    await page.until(lambda: "update" in page.kinds)
+    page = await page_of(scene)
     for before, expected in ((3.5, 4.0), (7.2, 0.0), (0.1, 7.0), (400.0, 0.0)):
         del page.kinds[:]
         page.send("seek", at=scene.seconds(before))
@@ -179,12 +159,18 @@ async def test_seeking_shows_each_moment_with_its_camera(scene: Scene) -> None:
     assert page.time["mode"] == "paused"
 
 
-async def test_a_time_before_the_history_shows_the_oldest_state_and_a_sentence(scene: Scene) -> None:
-    """As of an address that was shared long ago."""
-    for x in range(1, 9):
+async def page_of(scene: Scene, moves: int = 8) -> Page:
+    """Return a page of a box that has moved by 1 m a second."""
+    for x in range(1, moves + 1):
         scene.move(float(x))
     page = Page(scene.hub.connect())
     await page.until(lambda: "update" in page.kinds)
+    return page
+
+
+async def test_a_time_before_the_history_shows_the_oldest_state_and_a_sentence(scene: Scene) -> None:
+    """As of an address that was shared long ago."""
+    page = await page_of(scene)
     page.send("seek", at=scene.seconds(400.0))
     await page.until(lambda: page.x == 0.0 and page.time.get("mode") == "paused")
     assert page.time["problem"] == "That time is older than what is kept: this is the oldest state"
@@ -193,10 +179,7 @@ async def test_a_time_before_the_history_shows_the_oldest_state_and_a_sentence(s
 
 
 async def test_seeks_by_seconds_add_up(scene: Scene) -> None:
-    for x in range(1, 9):
-        scene.move(float(x))
-    page = Page(scene.hub.connect())
-    await page.until(lambda: "update" in page.kinds)
+    page = await page_of(scene)
     for _ in range(3):
         page.send("seek", by=-1.0)
     await page.until(lambda: page.time["mode"] == "paused" and page.x == 5.0)
@@ -256,14 +239,11 @@ async def test_a_page_keeps_a_moment_that_the_history_has_dropped(scene: Scene) 
 
 
 async def test_a_page_without_timeline_has_no_time() -> None:
-    hub = ViewHub(QUICK, LiveTree())
-    running = asyncio.create_task(hub.run())
-    page = Page(hub.connect())
-    page.send("pause")
-    await page.until(lambda: page.kinds.count("status") > 2)
+    async with running(ViewHub(QUICK, LiveTree())) as hub:
+        page = Page(hub.connect())
+        page.send("pause")
+        await page.until(lambda: page.kinds.count("status") > 2)
     assert "time" not in page.kinds
-    running.cancel()
-    await asyncio.gather(running, return_exceptions=True)
 
 
 async def test_a_log_plays_from_its_start_to_its_end(log: Log, log_page: Page) -> None:

@@ -3,7 +3,6 @@
 import asyncio
 import json
 from collections.abc import AsyncIterator
-from contextlib import suppress
 from typing import Any
 
 import numpy as np
@@ -15,12 +14,10 @@ from gateway.adapters.viewer.hub import ViewHub
 from gateway.adapters.viewer.routes import ACKNOWLEDGE, ACKNOWLEDGE_CONTROLS, MAX_MESSAGE_CHARS, router
 from gateway.scene.page.control_store import ControlLimits, ControlStore
 from gateway.scene.page.live_page import LivePage
-from gateway.scene.tree.geometry import Part
 from gateway.scene.tree.live import LiveTree
-from renderers.drawlist import Material
 from scenegate.messages.clicks import Click
 from scenegate.messages.controls import AnyControl, Button, Gizmo, Plot, Slider, TextInput
-from scenegate.messages.geometry import Box
+from tests.adapters.viewer.model import add_box, running
 from tests.support.view_frames import parse_frame
 from tests.support.waiting import SECONDS, until
 
@@ -51,8 +48,10 @@ class Socket:
         kind = "text" if isinstance(message, str) else "bytes"
         self._to_app.put_nowait({"type": "websocket.receive", kind: message})
 
-    def disconnect(self) -> None:
+    async def leave(self) -> None:
+        """Disconnect, and wait until the gateway has finished."""
         self._to_app.put_nowait({"type": "websocket.disconnect", "code": 1001})
+        await self.task
 
     async def receive(self) -> dict[str, Any]:
         async with asyncio.timeout(SECONDS):
@@ -93,11 +92,9 @@ class View:
         self.hub = ViewHub(config, self.tree, live_page=self.page)
         self.app = FastAPI()
         self.app.include_router(router(self.hub))
-        self.updates = asyncio.create_task(self.hub.run())
 
     def edit(self, name: str) -> None:
-        with self.tree.edit() as edit:
-            edit.set_parts((name,), (Part(Box((1, 1, 1)), Material()),))
+        add_box(self.tree, name)
 
     @property
     def browsers(self) -> int:
@@ -107,10 +104,8 @@ class View:
 @pytest.fixture
 async def view() -> AsyncIterator[View]:
     view = View()
-    yield view
-    view.updates.cancel()
-    with suppress(asyncio.CancelledError):
-        await view.updates
+    async with running(view.hub):
+        yield view
 
 
 async def test_the_next_update_follows_the_acknowledgement(view: View) -> None:
@@ -125,8 +120,7 @@ async def test_the_next_update_follows_the_acknowledgement(view: View) -> None:
     assert (update["from"], update["revision"]) == (1, 3)
     assert [node["name"] for node in update["nodes"]] == ["second", "third"]
     assert view.browsers == 1
-    socket.disconnect()
-    await socket.task
+    await socket.leave()
     assert view.browsers == 0
 
 
@@ -142,23 +136,27 @@ async def test_meshes_that_a_page_has_dropped_are_sent_again(view: View) -> None
         edit.set_parts(("other",), view.tree.snapshot.root.children["box"].parts or ())
     again, _ = await socket.frame("mesh")
     assert again["id"] == header["id"]
-    socket.disconnect()
-    await socket.task
+    await socket.leave()
 
 
-@pytest.mark.parametrize("origin", ["http://gateway.example:8000", None])
-async def test_pages_of_the_gateway_and_other_clients_are_accepted(view: View, origin: str | None) -> None:
+@pytest.mark.parametrize(
+    ("origin", "accepted"),
+    [
+        ("http://gateway.example:8000", True),
+        (None, True),
+        ("https://evil.example", False),
+        ("http://gateway.example", False),
+        ("http://gateway.example:8001", False),
+    ],
+)
+async def test_pages_of_other_origins_are_refused_before_the_handshake(
+    view: View, origin: str | None, accepted: bool
+) -> None:
     socket = Socket(view.app, origin)
-    assert (await socket.receive())["type"] == "websocket.accept"
-    socket.disconnect()
-    await socket.task
-
-
-@pytest.mark.parametrize("origin", ["https://evil.example", "http://gateway.example", "http://gateway.example:8001"])
-async def test_pages_of_other_origins_are_refused_before_the_handshake(view: View, origin: str) -> None:
-    first = await Socket(view.app, origin).receive()
-    assert (first["type"], first["code"]) == ("websocket.close", 1008)
-    assert view.browsers == 0
+    first = await socket.receive()
+    assert (first["type"], first.get("code")) == (("websocket.accept", None) if accepted else ("websocket.close", 1008))
+    assert view.browsers == accepted
+    await socket.leave()
 
 
 async def test_clicks_are_passed_to_the_clients_that_want_them(view: View) -> None:
@@ -178,8 +176,7 @@ async def test_clicks_are_passed_to_the_clients_that_want_them(view: View) -> No
     with view.tree.edit() as edit:
         edit.delete(("box",))
     socket.send(f'{{"node": {node["id"]}, "point": [1, 2, 3], "button": "left"}}')
-    socket.disconnect()
-    await socket.task
+    await socket.leave()
     assert clicks == [Click(("box",), (1.0, 2.0, 3.0), "middle")]
 
 
@@ -191,8 +188,7 @@ async def test_clicks_that_are_too_fast_are_dropped(view: View, monkeypatch: pyt
     await socket.update()
     for _ in range(3):
         socket.send('{"node": 0, "point": [1, 2, 3], "button": "left"}')
-    socket.disconnect()
-    await socket.task
+    await socket.leave()
     assert clicks == []
 
 
@@ -222,8 +218,7 @@ async def test_changes_of_controls_reach_the_client_and_other_pages(view: View) 
     socket.send('{"control": 3, "number": 5, "value": {"translation": [0, 0, 0], "quaternion": [1, 0, 0, 0]}}')
     await until(lambda: len(received) == 4)
     assert not view.tree.snapshot.root.children
-    socket.disconnect()
-    await socket.task
+    await socket.leave()
 
 
 async def test_a_slow_page_misses_values_in_between(view: View) -> None:
@@ -240,8 +235,7 @@ async def test_a_slow_page_misses_values_in_between(view: View) -> None:
     socket.send(ACKNOWLEDGE_CONTROLS)
     header, _ = await socket.frame("controls")
     assert header["values"] == [[1, 3.0]]
-    socket.disconnect()
-    await socket.task
+    await socket.leave()
 
 
 async def test_samples_of_plots_are_sent_once(view: View) -> None:
@@ -254,8 +248,7 @@ async def test_samples_of_plots_are_sent_once(view: View) -> None:
         np.testing.assert_array_equal(np.frombuffer(body, "<f8", count, offset).reshape(-1, 2), rows)
         assert control_id == 1
         view.page.controls.add_samples("client", ("loads",), np.array([[2.0, np.nan], [3.0, 4.0]]), 1)
-    socket.disconnect()
-    await socket.task
+    await socket.leave()
 
 
 async def test_changes_that_are_too_fast_wait(view: View, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -266,36 +259,31 @@ async def test_changes_that_are_too_fast_wait(view: View, monkeypatch: pytest.Mo
     for number in range(3):
         socket.send(f'{{"control": 1, "number": {number}}}')
     await until(lambda: received and received[-1] == (("go",), 3))
-    socket.disconnect()
-    await socket.task
+    await socket.leave()
 
 
 async def test_controls_of_a_client_that_vanishes_are_removed() -> None:
-    view = View(ViewerConfig(max_update_rate=1000.0, status_seconds=0.01))
-    view.page.controls = store = ControlStore(ControlLimits(lease_seconds=0.0))
-    view.hub = ViewHub(ViewerConfig(status_seconds=0.01), view.tree, live_page=view.page)
-    view.updates.cancel()
-    view.updates = asyncio.create_task(view.hub.run())
-    store.set_controls("client", [Button(("go",))], lambda values, after: None, 1)
-    await until(lambda: store.controls_since(0) == [])
-    view.updates.cancel()
+    page = LivePage()
+    page.controls = store = ControlStore(ControlLimits(lease_seconds=0.0))
+    async with running(ViewHub(ViewerConfig(status_seconds=0.01), LiveTree(), live_page=page)):
+        store.set_controls("client", [Button(("go",))], lambda values, after: None, 1)
+        await until(lambda: store.controls_since(0) == [])
 
 
-async def test_a_message_beyond_the_limit_closes_the_connection(view: View) -> None:
+@pytest.mark.parametrize(
+    ("message", "code", "reason"),
+    [
+        ("x" * (MAX_MESSAGE_CHARS + 1), 1009, f"messages have at most {MAX_MESSAGE_CHARS} characters"),
+        (b"k", 1003, "messages of the page are text"),
+    ],
+    ids=["long", "binary"],
+)
+async def test_other_messages_close_the_connection(view: View, message: str | bytes, code: int, reason: str) -> None:
     socket = Socket(view.app)
     await socket.update()
     socket.send("x" * MAX_MESSAGE_CHARS)
-    socket.send("x" * (MAX_MESSAGE_CHARS + 1))
-    assert await socket.closed() == (1009, f"messages have at most {MAX_MESSAGE_CHARS} characters")
-    await socket.task
-    assert view.browsers == 0
-
-
-async def test_a_binary_message_ends_the_connection(view: View) -> None:
-    socket = Socket(view.app)
-    await socket.update()
-    socket.send(b"k")
-    assert await socket.closed() == (1003, "messages of the page are text")
+    socket.send(message)
+    assert await socket.closed() == (code, reason)
     async with asyncio.timeout(SECONDS):
         await socket.task
     assert view.browsers == 0
@@ -322,18 +310,16 @@ async def test_browsers_beyond_the_limit_are_told_to_try_again(view: View) -> No
     second = Socket(view.app)
     assert await second.closed() == (1013, "1 browsers are connected, which is the limit (max_browsers)")
     assert view.browsers == 1
-    first.disconnect()
-    await first.task
+    await first.leave()
     third = Socket(view.app)
     await third.update()
-    third.disconnect()
-    await third.task
+    await third.leave()
 
 
-async def test_browsers_are_closed_when_the_gateway_stops(view: View) -> None:
-    socket = Socket(view.app)
-    await socket.update()
-    view.updates.cancel()
+async def test_browsers_are_closed_when_the_gateway_stops() -> None:
+    view = View()
+    async with running(view.hub):
+        socket = Socket(view.app)
+        await socket.update()
     assert await socket.closed() == (1001, "the gateway is shutting down")
-    socket.disconnect()
-    await socket.task
+    await socket.leave()
