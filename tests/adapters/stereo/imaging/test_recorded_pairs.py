@@ -52,9 +52,9 @@ async def recorded(start: Start) -> pb.ImageSet:
 
 async def test_shows_a_folder_written_by_our_client(recorded: pb.ImageSet, start: Start, tmp_path: Path) -> None:
     save(recorded, tmp_path)
-    geometry: Any = read_geometry(tmp_path)
-    assert list(geometry) == [pytest.approx(SMALL.focal_factor), pytest.approx(SMALL.baseline)]
-    camera = await start(rate="max", pairs=RecordedPairs(find_pairs(tmp_path, 10), *geometry, LIMIT))
+    focal_factor, baseline = read_geometry(tmp_path)
+    assert (focal_factor, baseline) == pytest.approx((SMALL.focal_factor, SMALL.baseline))
+    camera = await start(rate="max", pairs=RecordedPairs(find_pairs(tmp_path, 10), focal_factor, baseline, LIMIT))
     image_set = await capture_set(
         camera, left_enabled=True, right_enabled=True, disparity_enabled=True, mesh_enabled=True
     )
