@@ -166,10 +166,7 @@ def _absolute(corner: bytes, file: _ObjFile) -> bytes:
 
 def _numbers(words: list[bytes], columns: int) -> NDArray[np.float64]:
     """Return numbers in rows. Raises ValueError if one cannot be read."""
-    numbers = np.fromstring(b" ".join(words), np.float64, sep=" ")
-    if len(numbers) != len(words):
-        raise ValueError("it has a number that cannot be read")
-    return numbers.reshape(-1, columns)
+    return np.array(words, np.float64).reshape(-1, columns)
 
 
 def _colors_of(file: _ObjFile, count: int) -> NDArray[np.uint8] | None:

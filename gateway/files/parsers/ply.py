@@ -1,5 +1,6 @@
 """Reads PLY files, text and binary: polygons, strips and points, with colours, normals and texture coordinates."""
 
+import contextlib
 import re
 import struct
 from array import array
@@ -208,7 +209,7 @@ def _add_hints(elements: list[_Element], drawn: _Element | None, textures: list[
 def _read_columns(body: bytes, elements: list[_Element], is_text: bool) -> dict[str, _Columns]:
     """Return the properties of all elements. Text is read as if its numbers were binary float64. Raises ValueError."""
     if is_text:
-        body = np.fromstring(body, np.float64, sep=" ").tobytes()
+        body = _numbers(body.split()).tobytes()
     place = 0
     columns: dict[str, _Columns] = {}
     for element in elements:
@@ -216,12 +217,23 @@ def _read_columns(body: bytes, elements: list[_Element], is_text: bool) -> dict[
         if is_text:
             layout = [_Property(name, _FLOAT64, counter and _FLOAT64) for name, _, counter in layout]
         found, place = _read_rows(body, place, _Element(element.name, element.row_count, layout))
-        with np.errstate(invalid="ignore"):  # text may have numbers that the type has not
+        with np.errstate(invalid="ignore", over="ignore"):  # text may have numbers beyond the type
             columns[element.name] = {
                 each.name: _Column(column.values.astype(each.dtype, copy=False), column.sizes)
                 for each, column in zip(element.properties, found, strict=True)
             }
     return columns
+
+
+def _numbers(words: list[bytes]) -> NDArray[np.float64]:
+    """Return the numbers of a text, up to the first word that is none: some files have rests after their data."""
+    try:
+        return np.array(words, np.float64)
+    except ValueError:
+        numbers = array("d")
+        with contextlib.suppress(ValueError):
+            numbers.extend(map(float, words))
+        return np.array(numbers)
 
 
 def _read_rows(data: bytes, place: int, element: _Element) -> tuple[list[_Column], int]:
