@@ -5,17 +5,16 @@ Meshes are sent as triangles, as viewers other than Scenegate require.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from dataclasses import fields
 from pathlib import Path
-from typing import Any, Final, Literal
+from typing import Any, Final
 
 import cv2
 import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from gateway.files.robots.gltf_up import RobotGltfUp
 from gateway.files.robots.reader import read_robot
 from gateway.files.robots.robot import Robot
 from gateway.scene.draw.meshing import meshes_of
@@ -28,7 +27,6 @@ from renderers.drawlist import AlphaMode, Image, ImageError, Light, Material, Me
 from renderers.encode import jpeg_rgb, png_rgb, png_rgba
 from scenegate.messages.geometry import Geometry, MeshGeometry, PointCloud, Solid, Transform
 from scenegate.robots import robot as client
-from scenegate.robots.xacro_args import XacroArgs
 
 _RIGID_TOLERANCE = 1e-9
 """Maximum deviation of an element of R^T R from the identity, for shapes that are published with a transform."""
@@ -39,27 +37,9 @@ MAX_PNG_BYTES: Final = 1 << 20
 _JPEG_QUALITY: Final = 95
 
 
-def read_published_robot(
-    path: str | Path,
-    *,
-    roots: Iterable[str | Path],
-    geometry: Literal["visual", "collision"],
-    keyframe: str,
-    gltf_up: RobotGltfUp,
-    strict: bool,
-    xacro_args: XacroArgs,
-    textures: bool,
-) -> client.Robot[Geometry]:
-    """Read a robot file of any kind. See ``TreeViewer.robot``."""
-    robot = read_robot(
-        path,
-        roots=roots,
-        geometry=geometry,
-        keyframe=keyframe,
-        gltf_up=gltf_up,
-        strict=strict,
-        xacro_args=xacro_args,
-    )
+def read_published_robot(path: str | Path, *, textures: bool, **options: Any) -> client.Robot[Geometry]:
+    """Read a robot file of any kind; ``options`` are those of ``read_robot``. See ``TreeViewer.robot``."""
+    robot = read_robot(path, **options)
     images = PartImages() if textures else None
     parts = tuple(tuple(each for part in link for each in geometries_of(part, images)) for link in robot.parts)
     others = {field.name: getattr(robot, field.name) for field in fields(Robot) if field.name != "parts"}
