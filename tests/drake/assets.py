@@ -45,7 +45,6 @@ def gradient(size: int) -> np.ndarray:
 
 
 def with_alpha(rgb: np.ndarray, alpha: np.ndarray) -> np.ndarray:
-    """Join RGB pixels and alpha, which is broadcast to (height, width)."""
     plane = np.broadcast_to(alpha, rgb.shape[:2])[..., None].astype(np.uint8)
     return np.concatenate([rgb, plane], -1)
 
@@ -67,7 +66,6 @@ class Gltf:
         }
 
     def texture(self, pixels: np.ndarray, sampler: dict[str, int] | None = None, **fields: Any) -> dict[str, Any]:
-        """Add a texture; return the reference to it (``textureInfo``) with further fields."""
         self.use(*fields.get("extensions", ()))
         uri = "data:image/png;base64," + base64.b64encode(png(pixels)).decode()
         texture: dict[str, int] = {"source": self._add("images", {"uri": uri})}
@@ -86,7 +84,6 @@ class Gltf:
         return self.material(pbrMetallicRoughness=given, **fields)
 
     def mesh(self, attributes: dict[str, np.ndarray], indices: np.ndarray, material: int | None) -> int:
-        """Add a mesh of float32 attributes and triangles."""
         references = {name: self._accessor(values.astype(np.float32)) for name, values in attributes.items()}
         primitive = {
             "attributes": references,

@@ -141,7 +141,6 @@ def render(query: Any, engine: str, camera: str) -> dict[str, np.ndarray]:
 
 
 def digests(shapes: list[Any], base_url: str, camera: str) -> list[str]:
-    """The gateway's three pictures, several times, as digests."""
     scene_graph = build(shapes, base_url)
     query = scene_graph.get_query_output_port().Eval(scene_graph.CreateDefaultContext())
     rounds = (render(query, "gateway", camera) for _ in range(4))

@@ -53,8 +53,6 @@ def looking_at(eye: Sequence[float], target: Sequence[float]) -> RigidTransform:
 
 @dataclass(frozen=True)
 class Scene:
-    """Bodies before a camera."""
-
     bodies: list[Body]
     camera: tuple[list[float], list[float]] = FRONT
     """Eye and target in metres."""

@@ -42,7 +42,6 @@ pytestmark = [pytest.mark.drake, pytest.mark.slow]
 
 @pytest.fixture(scope="module", params=PYTHONS)
 def captured(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The folder with what a version's client posts and its RenderEngineVtk draws."""
     python = os.environ.get(PYTHONS[request.param])
     if not python:
         pytest.skip(f"{PYTHONS[request.param]} does not name an interpreter with pydrake {request.param}")
@@ -86,7 +85,6 @@ def image(pipeline: Pipeline, folder: Path, kind: str) -> NDArray[Any]:
 
 
 def color_difference(color: NDArray[Any], path: Path) -> float:
-    """Return the fraction of channel values that differ by more than COLOR_STEP from an image of RenderEngineVtk."""
     reference: Any = cv2.imread(str(path))
     return float((np.abs(color.astype(int) - reference) > COLOR_STEP).mean())
 

@@ -29,7 +29,6 @@ def post(url: str, body: bytes) -> httpx2.Response:
 
 
 def until_answer(url: str, path: str, status: int, text: str) -> None:
-    """Wait until a GET has this status and contains this text."""
     wait_until(lambda: (answer := clients.get(url + path)).status_code == status and text in answer.text)
 
 

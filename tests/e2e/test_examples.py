@@ -114,8 +114,6 @@ def next_frame(page: Any, kind: str) -> dict[str, Any]:
 
 
 def rover(url: str, wanted: Callable[[dict[str, Any]], bool]) -> dict[str, Any]:
-    """Wait until the rover's head fulfils a condition; return its node in the live scene."""
-
     def found() -> dict[str, Any] | None:
         nodes = {tuple(node["path"]): node for node in clients.get(f"{url}/scene").json()["nodes"]}
         head = nodes.get(("rover", "head"))

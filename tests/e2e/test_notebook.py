@@ -24,7 +24,6 @@ NOTEBOOK = Path(__file__).parents[2] / "examples" / "notebook.ipynb"
 
 @pytest.fixture(scope="module")
 def outputs() -> Iterator[dict[str, dict[str, Any]]]:
-    """Outputs of the notebook's cells by their code, each by media type. The gateway runs."""
     liblcm()
     nbformat = pytest.importorskip("nbformat", reason="nbclient is not installed")
     nbclient = pytest.importorskip("nbclient", reason="nbclient is not installed")
@@ -48,7 +47,6 @@ def outputs() -> Iterator[dict[str, dict[str, Any]]]:
 
 @pytest.fixture(scope="module")
 def page(outputs: dict[str, dict[str, Any]]) -> Iterator[Any]:
-    """A page of another origin with the outputs, as Jupyter shows them."""
     body = "".join(data.get("text/html", "") for data in outputs.values())
 
     content = f"<!doctype html><title>Notebook</title>{body}".encode()

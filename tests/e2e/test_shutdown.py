@@ -77,7 +77,6 @@ def test_streams_end_with_unavailable_and_go_on_after_a_restart() -> None:
     with grpc.insecure_channel(f"127.0.0.1:{port}", [("grpc.max_receive_message_length", -1)]) as channel:
 
         def stream() -> Any:
-            """Return the stream of a client that waits for the server."""
             return channel.unary_stream(
                 "/ImageInterface/StreamImageSets", pb.ImageSetRequest.SerializeToString, pb.ImageSet.FromString
             )(pb.ImageSetRequest(left_enabled=True), timeout=SECONDS, wait_for_ready=True)

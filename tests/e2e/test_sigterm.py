@@ -34,7 +34,6 @@ def compiling(process: GatewayProcess) -> None:
 
 
 def ready(process: GatewayProcess) -> tuple[str, list[int]]:
-    """Return the URL and the numbers of the processes."""
     url = str(process.wait_for("Scenegate listens")["url"])
     health = wait_until(lambda: (now := clients.get(f"{url}/readyz").json())["status"] == "ready" and now)
     return url, [int(pid) for pid in health.get("workers", {}).get("states", ())]

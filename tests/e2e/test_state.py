@@ -18,7 +18,6 @@ CLOUD = {"type": "pointcloud", "points": [[0.1 * i, 0, 0] for i in range(500)], 
 
 
 def send(url: str, request: Any) -> dict[str, Any]:
-    """Send a request over TCPQ; return the tree viewer's response."""
     hub = clients.get(f"{url}/healthz").json()["interfaces"]["treeviewer"]["tcpq"]["url"]
 
     async def ask() -> dict[str, Any]:

@@ -13,8 +13,6 @@ from tests.adapters.drakeviewer.encoding import draw, link, load
 
 
 class Viewer(DrakeViewer):
-    """A viewer with its own live tree and no mesh files."""
-
     def __init__(self, files: MeshFiles | None = None, config: DrakeViewerConfig | None = None) -> None:
         self.live = LiveTree()
         super().__init__(self.live, files or MeshFiles(()), config)

@@ -38,7 +38,6 @@ DECODERS = {
 
 @pytest.fixture(scope="module")
 def drake(tmp_path_factory: pytest.TempPathFactory) -> Any:
-    """The package that lcm-gen makes of our definitions."""
     folder = tmp_path_factory.mktemp("lcmgen")
     generate(folder, "lcmt_*.lcm")
     sys.path.insert(0, str(folder))

@@ -51,7 +51,6 @@ def inner(scene: DrakeScene) -> NDArray[np.bool_]:
 
 
 async def ask(start: Start, renderer: CpuRenderer, scene: DrakeScene, kind: str) -> tuple[NDArray[np.generic], float]:
-    """The server's picture of a recorded request, and the milliseconds that it took."""
     request = scene.request(kind)
     async with start(renderer) as server:
         headers = httpx2.Headers(request.headers)

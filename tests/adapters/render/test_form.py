@@ -59,7 +59,6 @@ def in_buffer(data: bytes, content_type: str, config: RenderConfig, step: int) -
 
 
 def without_position(sentence: str) -> str:
-    """An error without the parser's position in the piece that it was fed."""
     return re.sub(r" at \d+$| \(\d+\)$", "", sentence)
 
 

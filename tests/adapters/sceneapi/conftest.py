@@ -1,7 +1,7 @@
 """An application with the scene's routes only, and a renderer that records its calls."""
 
 from collections.abc import AsyncIterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import httpx2
 import numpy as np
@@ -23,40 +23,31 @@ from renderers.drawlist import LABEL_NONE, DrawList, Material
 from renderers.interface import Frame, Look, Output
 from renderers.stereo.depth.matching import in_turn
 from scenegate.messages.geometry import Box, Sphere
+from tests.adapters.render.conftest import WatchedRenderer
 
 SPOT = (20, 30)
 """Row and column."""
 
 
 @dataclass
-class RecordingRenderer:
+class RecordingRenderer(WatchedRenderer):
     """All pixels show the first instance, 2 m away, except the top left one, which is background."""
 
-    calls: list[tuple[DrawList, Camera, Output, Look]] = field(default_factory=list)
-    error: Exception | None = None
     spot: tuple[int, int, int] | None = None
     """Colour of the pixel ``SPOT``, which shows the first instance."""
 
     parallel = staticmethod(in_turn)
 
     def render(self, scene: DrawList, camera: Camera, outputs: Output, look: Look = Look()) -> Frame:
-        self.calls.append((scene, camera, outputs, look))
-        if self.error is not None:
-            raise self.error
-        size = (camera.height, camera.width)
-        frame = Frame()
-        if Output.COLOR in outputs:
-            frame.color = np.full((*size, 3), look.background, np.uint8)
-            if self.spot is not None:
-                frame.color[SPOT] = self.spot
+        frame = super().render(scene, camera, outputs, look)
+        if frame.color is not None and self.spot is not None:
+            frame.color[SPOT] = self.spot
         if Output.INSTANCE in outputs:
-            frame.instance = np.full(size, -1, np.int32)
+            frame.instance = np.full((camera.height, camera.width), -1, np.int32)
             frame.instance[SPOT] = 0
-        if Output.DEPTH in outputs:
-            frame.depth = np.full(size, 2.0, np.float32)
+        if frame.depth is not None:
             frame.depth[0, 0] = np.inf
-        if Output.LABEL in outputs:
-            frame.label = np.full(size, scene.instances[0].label, np.uint32)
+        if frame.label is not None:
             frame.label[0, 0] = LABEL_NONE
         return frame
 

@@ -179,7 +179,6 @@ def nanoseconds(time: pb.Time) -> int:
 
 
 def pixels(image: pb.Image) -> NDArray[Any]:
-    """Return the pixels of a message, checked against its other fields."""
     dtype, channels = {"mono8": ("u1", 1), "rgb8": ("u1", 3), "mono16": ("<u2", 1)}[image.encoding]
     assert not image.is_bigendian
     assert image.step == image.width * channels * np.dtype(dtype).itemsize

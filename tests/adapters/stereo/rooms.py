@@ -69,8 +69,6 @@ def room(corners: list[tuple[float, float]], height: float, texture: Texture | N
 
 @dataclass(frozen=True, slots=True)
 class Wall:
-    """What the left camera sees of one wall."""
-
     grey: float
     """Mean grey."""
     fill: float

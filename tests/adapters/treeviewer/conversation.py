@@ -29,7 +29,6 @@ ONE_BOX = message({"setgeometry": [{"path": ["a"], "geometry": BOX}]})
 
 
 def decoded(data: bytes) -> dict[str, Any]:
-    """Return the data of a response in JSON."""
     comms = wire.decode(data)
     assert (comms.format, comms.major, comms.minor, comms.fault) == ("treeviewer_json", 1, 0, "")
     answer: dict[str, Any] = json.loads(comms.data.tobytes())
@@ -48,7 +47,6 @@ class Viewer:
         return answer
 
     def publish(self, *geometries: Any, path: Any = ("it",), **more: Any) -> dict[str, Any]:
-        """Send one setgeometry command and return the response."""
         return self.tell({"setgeometry": [{"path": list(path), "geometries": list(geometries), **more}]})
 
     def node(self, *path: Any) -> Node:

@@ -102,7 +102,6 @@ def run(checkout: Path, script: Path, url: str, *, announce: bool) -> Outcome:
 
 
 def scripts(checkout: Path) -> list[Path]:
-    """Run the three tests, then the client's demonstration."""
     python = checkout / "src" / "python"
     return [*(python / "tests" / name for name in TESTS), python / "director" / "viewerclient.py"]
 

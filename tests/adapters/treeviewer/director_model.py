@@ -23,7 +23,6 @@ class DirectorModel:
         self._root = _Folder()
 
     def apply(self, request: dict[str, Any]) -> tuple[set[tuple[Any, ...]], set[tuple[Any, ...]]]:
-        """Return the missing paths by Director's and by the document's rule."""
         for command in request["delete"]:
             path = command["path"]
             if path:

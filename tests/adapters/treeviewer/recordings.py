@@ -28,7 +28,6 @@ def folder() -> Path:
 
 
 def names() -> list[str]:
-    """Return the names of all logs; empty without a corpus."""
     root = corpus_path()
     return [] if root is None else sorted(path.stem for path in (root / "treeviewer").glob("*.log"))
 

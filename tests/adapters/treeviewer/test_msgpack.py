@@ -27,7 +27,6 @@ VERTICES = [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.5]]
 
 
 def packed(value: Any) -> Any:
-    """Return numbers as an extension."""
     return pack(np.asarray(value))
 
 
@@ -37,7 +36,6 @@ def message(request: Any, utime: int = 7, version: tuple[int, int] = (1, 0)) -> 
 
 
 def tell(viewer: Viewer, request: Any, **options: Any) -> dict[str, Any]:
-    """Send a request and return the response, both in MessagePack."""
     data = message(request, **options)
     assert wire.decode(data).format == wire.BINARY
     reply = wire.decode(responses.encode(viewer.protocol.handle(data), wire.BINARY))

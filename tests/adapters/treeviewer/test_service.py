@@ -1,10 +1,16 @@
 """The service with real LCM: UDP multicast and liblcm's own TCPQ client."""
 
+import asyncio
+import json
+import sys
 from typing import Any
 
 import pytest
 
+from gateway.adapters.treeviewer.config import TreeViewerConfig
+from gateway.adapters.treeviewer.delivery import DELAY_SECONDS
 from gateway.adapters.treeviewer.protocol import REQUEST, RESPONSE
+from gateway.runtime.lcm.config import LcmConfig
 from scenegate.lcm import udpm_socket
 from tests.adapters.treeviewer import recordings
 from tests.adapters.treeviewer.conversation import ONE_BOX, decoded
@@ -12,7 +18,7 @@ from tests.adapters.treeviewer.differences import DIFFERENCES
 from tests.adapters.treeviewer.recorded_meshes import RecordedMeshes
 from tests.adapters.treeviewer.test_recorded_requests import unordered
 from tests.adapters.treeviewer.transports import answer_over, config_of, in_thread, join, lossless, serving
-from tests.support.waiting import MILLISECONDS
+from tests.support.waiting import MILLISECONDS, SECONDS
 
 
 @pytest.mark.lcm
@@ -112,3 +118,26 @@ async def test_warns_about_a_small_receive_buffer(url: str, monkeypatch: pytest.
     async with serving(config_of(url)) as service:
         warning = service.status()["lcm"]["warning"]
         assert all(part in warning for part in ("212992 bytes instead of 67108864", "net.core.rmem_max=67108864"))
+
+
+ROUNDS = 400
+PAUSE = 0.002
+"""Seconds between publishing and clearing: longer than a response takes, shorter than the delay."""
+
+
+@pytest.mark.slow
+@pytest.mark.lcm
+@pytest.mark.parametrize("transport", ["udp", "tcpq"])
+async def test_directors_client_loses_no_commands(url: str, transport: str) -> None:
+    """Responses with status 1 are delayed for the race in Director's Python client (see ``director_client``)."""
+    async with serving(TreeViewerConfig(lcm=LcmConfig(url=url, tcpq_port=0))) as service:
+        network = url if transport == "udp" else f"tcpq://127.0.0.1:{service.tcpq_port}"
+        command = [sys.executable, "-m", "tests.adapters.treeviewer.director_client", network, str(ROUNDS), str(PAUSE)]
+        process = await asyncio.create_subprocess_exec(*command, stdout=asyncio.subprocess.PIPE)
+        async with asyncio.timeout(10 * SECONDS):
+            output, _ = await process.communicate()
+    assert process.returncode == 0
+    rounds = json.loads(output)
+    assert len(rounds) == ROUNDS
+    # on a busy machine, a client that takes longer than the delay can still lose commands
+    assert not [seconds for lost, seconds in rounds if lost and seconds < DELAY_SECONDS]

@@ -76,7 +76,6 @@ def test_rejects_an_impossible_name_length(length: int) -> None:
 
 @pytest.fixture
 def generated(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Any:
-    """The class that lcm-gen makes of our type definition."""
     generate(tmp_path, "viewer2_comms_t.lcm")
     monkeypatch.syspath_prepend(str(tmp_path))
     monkeypatch.delitem(sys.modules, "robotlocomotion", raising=False)

@@ -26,12 +26,10 @@ from tests.support.waiting import MILLISECONDS, SECONDS
 
 
 def free_url() -> str:
-    """Return the URL of an unused LCM network."""
     return f"udpm://239.255.76.67:{random.randrange(20000, 60000)}?ttl=0"
 
 
 def config_of(url: str) -> TreeViewerConfig:
-    """Return the configuration of a service on an LCM network, with a hub on a free port."""
     return TreeViewerConfig(lcm=LcmConfig(url=url, tcpq_port=0))
 
 
@@ -133,7 +131,6 @@ def resident_bytes() -> int:
 
 
 def answer_over(client: Any, received: list[tuple[str, bytes]], channel: str, data: bytes) -> tuple[str, bytes] | None:
-    """Publish a request and return the next message, or None after a timeout."""
     received.clear()
     client.publish(channel, data)
     while not received:

@@ -81,7 +81,6 @@ class RandomEdits:
         self._edits = (self._parts, self._poses, self._matrix, self._visible, self._opacity, self._delete, self._share)
 
     def step(self) -> str:
-        """Commit a batch of edits, and return its description."""
         edits = self._random.choices(self._edits, (6, 6, 2, 3, 3, 2, 2), k=self._random.choice((1, 1, 2, 4)))
         with self.live.edit() as batch:
             return ", ".join(f"{edit.__name__}{edit(batch)}" for edit in edits)

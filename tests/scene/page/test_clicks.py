@@ -17,7 +17,6 @@ class World:
         return self.clicks.subscribe(client, paths, lambda click: self.received.append((client, click.path)))
 
     def click(self, *path: str | int) -> list[tuple[str, Path]]:
-        """Return the clients that got a click, with the path."""
         self.received.clear()
         self.clicks.click(Click(path, (0.0, 0.0, 0.0), "left"))
         return list(self.received)

@@ -38,7 +38,6 @@ class World:
         return self.store.set_controls(client, controls, deliver, self.requests)
 
     def delivered(self) -> list[tuple[str, dict[Path, Value], int]]:
-        """Return what clients got since the last call."""
         self.store.deliver_values()
         received, self.received = self.received, []
         return received

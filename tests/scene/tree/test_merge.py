@@ -42,7 +42,6 @@ def execute(root: Node, commands: list[Command]) -> Node:
 
 
 def content(root: Node) -> dict[Path, tuple[Any, ...]]:
-    """Return everything of each node that readers see, except the order of children."""
     return {
         path: (node.parts, node.matrix.tolist(), node.visible, node.opacity, node.node_count, node.nodes_with_parts)
         for path, node in root.walk()

@@ -106,7 +106,6 @@ def test_white_balance_changes_red_and_blue() -> None:
 
 
 async def capture_set(camera: Camera, **request: Any) -> pb.ImageSet:
-    """Return a set captured with the current parameters."""
     begin = time.time_ns()
     call = camera.stream(**request)
     while True:

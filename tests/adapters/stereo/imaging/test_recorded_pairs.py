@@ -44,7 +44,6 @@ def recorded_pair(
 
 @pytest.fixture
 async def recorded(start: Start) -> pb.ImageSet:
-    """Return a set with the projector on."""
     camera = await start(rate="max", depth_mode="matched")
     camera.service.parameters.set("rc_iocontrol", [("out1_mode", "High")])
     return await capture_set(camera, left_enabled=True, right_enabled=True, disparity_enabled=True)

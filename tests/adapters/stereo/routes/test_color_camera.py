@@ -80,8 +80,9 @@ async def test_colour_of_an_rc_visard_is_the_left_image(start: Start) -> None:
 
 async def test_a_monochrome_camera_refuses_colour(start: Start) -> None:
     camera = await start(color=False)
-    with pytest.raises(grpc.aio.AioRpcError, match="color_camera_enabled: the small is monochrome"):
+    with pytest.raises(grpc.aio.AioRpcError, match="color_camera_enabled: the small is monochrome") as refusal:
         await camera.take(color_camera_enabled=True)
+    assert refusal.value.code() == grpc.StatusCode.INVALID_ARGUMENT
     response = await get(camera, "/cameras/stereo/color")
     assert (response.status_code, response.json()["message"]) == (404, "the camera 'stereo', small, is monochrome")
     (images,) = await camera.take(left_enabled=True, color=True)

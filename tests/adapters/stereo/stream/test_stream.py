@@ -15,7 +15,7 @@ from renderers.compiler import pending
 from renderers.drawlist import DrawList, Image, ImageError, Instance, Material, Mesh, Texture
 from renderers.raster import CpuRenderer
 from renderers.stereo.model import Quality
-from scenegate.camera import image_interface_pb2 as pb
+from renderers.stereo.realism import REALISM_PARTS
 from tests.adapters.stereo.conftest import EVERYTHING, SMALL, Start, nanoseconds, pixels, running, seen
 from tests.adapters.stereo.scenes import table
 from tests.support.waiting import until
@@ -88,19 +88,10 @@ async def test_quality_determines_size_and_intrinsics(start: Start) -> None:
         assert (image_set.disparity.scale, image_set.disparity.delta_d) == (1 / 16, 1 / 16)
 
 
-async def test_rejects_too_few_mesh_points(start: Start) -> None:
-    camera, options = await start(), pb.MeshOptions(max_points=999)
-    with pytest.raises(grpc.aio.AioRpcError) as refusal:
-        await camera.take(mesh_enabled=True, mesh_options=options)
-    assert refusal.value.code() == grpc.StatusCode.INVALID_ARGUMENT
-    assert "max_points is 999; the minimum is 1000" in refusal.value.details()
-    # Options of a mesh that nobody asked for do not matter.
-    await camera.take(left_enabled=True, mesh_options=options)
-
-
 async def test_same_seed_scene_and_frame_give_the_same_bytes(start: Start) -> None:
     async def run(seed: int) -> list[bytes]:
-        camera = await start(simulated_clock=True, rate="max", seed=seed)
+        realism = frozenset(REALISM_PARTS)
+        camera = await start(simulated_clock=True, rate="max", seed=seed, realism=realism)
         return [image_set.SerializeToString(deterministic=True) for image_set in await camera.take(3, **EVERYTHING)]
 
     first, second, other = await run(1), await run(1), await run(2)
