@@ -100,12 +100,6 @@ def test_an_invalid_setting_is_exit_code_2() -> None:
     assert line["event"].startswith("scenegate: SCENEGATE_HTTP_PORT: input should be a valid integer")
 
 
-def test_one_scene_is_one_process() -> None:
-    code, (line,) = refused("--workers", "2")
-    assert code == 2
-    assert line["event"].startswith("scenegate: --workers 2 needs --only render: the live scene, ")
-
-
 @pytest.mark.slow
 def test_uvicorn_serves_the_same_application_and_logs_json(tmp_path: Path) -> None:
     (port,) = free_ports(1)

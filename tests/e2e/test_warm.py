@@ -16,6 +16,12 @@ from tests.support.waiting import SECONDS
 pytestmark = pytest.mark.slow
 
 ROOT = Path(__file__).parents[2]
+LOAD_ALL = """
+parts.load_needed()
+with pending.announced({name: part.has_kernel for name, part in parts.BACKGROUND.items()}):
+    for part in parts.BACKGROUND:
+        parts.load_background(part)
+"""
 PROGRAM = """
 import json, sys
 from renderers.compiler import pending
@@ -34,10 +40,7 @@ class Note(event.Listener):
         pass
 
 event.register("numba:compile", Note())
-parts.load_needed()
-with pending.announced({name: part.has_kernel for name, part in parts.BACKGROUND.items()}):
-    for part in parts.BACKGROUND:
-        parts.load_background(part)
+LOAD_ALL
 from fastapi.testclient import TestClient
 from gateway.app import create_app
 from gateway.runtime.settings import Settings
@@ -57,7 +60,7 @@ print(json.dumps({"compiled": compiled, "answers": [answer.status_code for answe
 
 def said_by(program: str, *arguments: str | Path, folder: Path | None = None) -> dict[str, Any]:
     environment = {name: value for name, value in os.environ.items() if name != "PYTEST_CURRENT_TEST"}
-    command = [sys.executable, "-c", program, *map(str, arguments)]
+    command = [sys.executable, "-c", program.replace("LOAD_ALL", LOAD_ALL), *map(str, arguments)]
     result = subprocess.run(
         command, cwd=folder, env=environment, capture_output=True, text=True, timeout=SECONDS, check=False
     )
@@ -79,10 +82,7 @@ from renderers.compiler import pending
 from gateway.runtime.kernels import cache, parts
 
 cached = cache.are_cached()
-parts.load_needed()
-with pending.announced({name: part.has_kernel for name, part in parts.BACKGROUND.items()}):
-    for part in parts.BACKGROUND:
-        parts.load_background(part)
+LOAD_ALL
 from renderers.compiler import cache_folder as kernel_cache
 from renderers.compiler.cache_locator import CACHED_KERNELS, folder_of
 from renderers.compiler.jit import KERNELS

@@ -184,14 +184,6 @@ def test_untouched_siblings_are_shared_between_revisions() -> None:
     assert [(c.kind, c.path) for c in changes(old, new)] == [("transform", ("a", "x"))]
 
 
-def test_changes_come_parents_first_and_in_order_of_creation() -> None:
-    edit = TreeEdit(Node())
-    for path in (("b", "x"), ("a", "y"), ("b", "z")):
-        edit.set_parts(path, ())
-    found = [change.path for change in changes(Node(), edit.commit()) if change.kind == "added"]
-    assert found == [("b",), ("b", "x"), ("b", "z"), ("a",), ("a", "y")]
-
-
 def test_deep_paths_do_not_recurse() -> None:
     path = tuple(range(5000))
     edit = TreeEdit(Node())
