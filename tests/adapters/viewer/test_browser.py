@@ -1017,9 +1017,7 @@ def test_gateway_without_stereo_camera_is_not_an_error(browser: Any) -> None:
     """Tabs are there for what is used; wheel, orbit and pan with the mouse move the camera."""
     with ExitStack() as stack:
         _, url = stack.enter_context(gateway_process("--only", "scene,view", "--demo"))
-        view = stack.enter_context(
-            View(browser, url, width=900, height=460)
-        )  # without a GPU, more pixels take a minute
+        view = stack.enter_context(View(browser, url, width=900, height=460))  # more pixels take a minute
         view.until(lambda: view.page.evaluate("scenegate.model.nodes.size > 10"), "the demo is there")
         view.page.get_by_role("button", name="Selection, stereo").click()
         view.page.get_by_text("Nothing is selected").wait_for()
@@ -1031,7 +1029,10 @@ def test_gateway_without_stereo_camera_is_not_an_error(browser: Any) -> None:
         def moves(what: str) -> None:
             view.until(lambda: view.page.evaluate(where) != before, what)
 
-        view.page.mouse.move(600, 300)
+        box = view.page.locator(".stage .view canvas").bounding_box()
+        x, y = box["x"] + box["width"] / 2, box["y"] + box["height"] / 2
+        view.page.mouse.move(x, y)
+        view.until(lambda: view.page.evaluate(STILL), "the camera stands still")
         before = view.page.evaluate(where)
         view.page.mouse.wheel(0, -400)
         moves("wheel")
@@ -1039,10 +1040,10 @@ def test_gateway_without_stereo_camera_is_not_an_error(browser: Any) -> None:
             view.until(lambda: view.page.evaluate(STILL), "the camera stands still")
             before = view.page.evaluate(where)
             view.page.mouse.down(button=button)
-            view.page.mouse.move(650, 330, steps=4)
+            view.page.mouse.move(x + 50, y + 30, steps=4)
             view.page.mouse.up(button=button)
             moves(f"{button} drag")
-            view.page.mouse.move(600, 300)
+            view.page.mouse.move(x, y)
 
 
 def test_panels_wait_for_the_first_response(browser: Any, url: str) -> None:
