@@ -20,6 +20,8 @@ STOP_SECONDS: Final = 30.0
 """Seconds after SIGTERM before the process is killed."""
 LOG_CHARS: Final = 20_000
 """Maximum number of characters of the log in a failed test's report. The newest lines are kept."""
+_OPEN: Final = urllib.request.build_opener(urllib.request.ProxyHandler({})).open
+"""Opens URLs of this machine, also where the environment names a proxy."""
 _DEFAULT_FLAGS: Final = ("--http-port=0", "--grpc-port=0", "--tcpq-port=0", "--lcm-url=off", "--log-format=json")
 """Flags that come before the flags of a test, which override them."""
 
@@ -93,8 +95,7 @@ class Gateway:
 
     def get(self, path: str) -> bytes:
         """Return the body of ``GET path``. Raises ``urllib.error.HTTPError`` for a status of 400 or more."""
-        url = self.http_url + path
-        with urllib.request.urlopen(url, timeout=self._seconds) as response:  # noqa: S310 - http only
+        with _OPEN(self.http_url + path, timeout=self._seconds) as response:
             return bytes(response.read())
 
     def health(self) -> Mapping[str, Any]:

@@ -18,7 +18,6 @@ _LIBRARY_LEVELS = {
     "asyncio": logging.WARNING,
     "numba": logging.WARNING,
     "PIL": logging.WARNING,
-    "trimesh": logging.ERROR,
 }
 """Minimum levels of libraries that are verbose at debug level."""
 
