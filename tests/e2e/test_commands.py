@@ -34,7 +34,7 @@ def scenegate(*arguments: str, **environment: str) -> subprocess.CompletedProces
 def test_doctor_is_one_table_and_needs_no_kernels() -> None:
     result = scenegate("doctor", SCENEGATE_HTTP_PORT="0", SCENEGATE_TCPQ_PORT="0", SCENEGATE_GRPC_PORT="0")
     assert result.returncode == 0, result.stdout + result.stderr
-    for word in ("scenegate", "Python", "libraries", "threads", "kernels", "multicast", "receive buffer"):
+    for word in ("scenegate", "Python", "libraries", "kernels", "loopback", "multicast"):
         assert any(line.startswith(word) for line in result.stdout.splitlines()), word
 
 
