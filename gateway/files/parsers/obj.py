@@ -257,9 +257,9 @@ def _set_material(
 
 
 def _color(material: _Statements, keyword: str) -> tuple[float, float, float] | None:
-    """Return an sRGB colour, of which one number is a grey; None without."""
+    """Return an sRGB colour within 0 .. 1, of which one number is a grey; None without."""
     with contextlib.suppress(ValueError):
-        match [float(word) for word in material.get(keyword, "").split()]:
+        match [min(max(0.0, float(word)), 1.0) for word in material.get(keyword, "").split()]:  # NaN: 0
             case [red, green, blue, *_]:
                 return red, green, blue
             case [grey]:

@@ -331,7 +331,8 @@ def test_a_texture_named_by_a_path_of_another_machine_is_looked_for_beside_the_m
 
 @pytest.mark.usefixtures("white")
 @pytest.mark.parametrize(
-    ("kd", "expected"), [("Kd 0.5 0 1\n", (0.2159, 0, 1)), ("", (1, 1, 1)), ("Kd 0 0 0\n", (1, 1, 1))]
+    ("kd", "expected"),
+    [("Kd 0.5 0 1\n", (0.2159, 0, 1)), ("", (1, 1, 1)), ("Kd 0 0 0\n", (1, 1, 1)), ("Kd nan 1.05 -1\n", (0, 1, 0))],
 )
 def test_kd_multiplies_the_texture(root: Path, files: MeshFiles, kd: str, expected: tuple[float, ...]) -> None:
     """As in Drake. A black one beside a texture is a slip of exporters."""
