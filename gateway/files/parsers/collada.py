@@ -289,10 +289,7 @@ class _SceneReader:
         elif effect.diffuse is not None:
             r, g, b, a = (*map(float, effect.diffuse), 1.0)[:4]
             rgba = (r, g, b, a)
-        transparent = effect.transparent
-        if transparent is not None and not isinstance(transparent, collada.material.Map):
-            rgba = (*rgba[:3], _opacity(transparent, effect.opaque_mode))
-        return rgba, image
+        return (*rgba[:3], _opacity(effect, rgba[3])), image
 
 
 def _texture_coordinates(primitive: Any, effect: Any, inputs: list[tuple[str, str, str | None]]) -> int:
@@ -329,12 +326,19 @@ def _geometry_of(node: Any) -> Any:
     return node.geometry if isinstance(node, collada.scene.GeometryNode) else None
 
 
-def _opacity(transparent: tuple[float, ...], mode: str) -> float:
-    """Return the opacity of ``<transparent>`` (COLLADA 1.4, 7-5). ``<transparency>`` is ignored: exporters differ."""
-    if mode == collada.material.OPAQUE_MODE.RGB_ZERO:
-        r, g, b = transparent[:3]
-        return 1.0 - (0.212671 * r + 0.715160 * g + 0.072169 * b)
-    return float(transparent[3])
+def _opacity(effect: Any, diffuse_alpha: float) -> float:
+    """Return the opacity of an effect (COLLADA 1.4, 7-5).
+
+    A ``<transparency>`` of 0 or 1 is ignored: exporters write either for what is opaque.
+    """
+    transparency = effect.transparency if isinstance(effect.transparency, float | int) else 1.0
+    factor = float(transparency) if 0.0 < transparency < 1.0 else 1.0
+    if effect.transparent is None or isinstance(effect.transparent, collada.material.Map):
+        return diffuse_alpha * factor
+    r, g, b, a = (*effect.transparent, 1.0)[:4]
+    if effect.opaque_mode == collada.material.OPAQUE_MODE.RGB_ZERO:
+        return float(1.0 - factor * (0.212671 * r + 0.715160 * g + 0.072169 * b))
+    return float(a * factor)
 
 
 def _corners(values: NDArray[np.float32], indices: NDArray[np.int32], what: str) -> NDArray[np.float32]:

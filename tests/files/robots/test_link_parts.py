@@ -70,16 +70,28 @@ def test_a_mesh_that_would_vanish_is_drawn_opaque_with_a_warning(tmp_path: Path)
 
 
 @pytest.mark.parametrize(
-    ("transparent", "opacity", "warned"),
+    ("transparent", "transparency", "opacity", "warned"),
     [
-        ('opaque="A_ONE"><color>1 1 1 0</color>', 1.0, True),
-        ('opaque="A_ONE"><color>1 1 1 0.25</color>', 0.25, False),
-        ('opaque="RGB_ZERO"><color>0 0 0 1</color>', 1.0, False),
-        ('opaque="RGB_ZERO"><color>0.5 0.5 0.5 1</color>', 0.5, False),
+        ('opaque="A_ONE"><color>1 1 1 0</color>', None, 1.0, True),
+        ('opaque="A_ONE"><color>1 1 1 0.25</color>', None, 0.25, False),
+        ('opaque="A_ONE"><color>1 1 1 0.5</color>', 0.5, 0.25, False),
+        ('opaque="A_ONE"><color>1 1 1 1</color>', 0, 1.0, False),
+        ('opaque="RGB_ZERO"><color>0 0 0 1</color>', None, 1.0, False),
+        ('opaque="RGB_ZERO"><color>0.5 0.5 0.5 1</color>', None, 0.5, False),
+        ('opaque="RGB_ZERO"><color>1 1 1 1</color>', 0.25, 0.75, False),
+        (None, 0.4, 0.4, False),
+        (None, 0, 1.0, False),
     ],
 )
-def test_opacity_of_collada(tmp_path: Path, transparent: str, opacity: float, warned: bool) -> None:
-    lambert = f"<lambert><diffuse><color>0 1 0 1</color></diffuse><transparent {transparent}</transparent></lambert>"
+def test_opacity_of_collada(
+    tmp_path: Path, transparent: str | None, transparency: float | None, opacity: float, warned: bool
+) -> None:
+    lambert = "<lambert><diffuse><color>0 1 0 1</color></diffuse>"
+    if transparent is not None:
+        lambert += f"<transparent {transparent}</transparent>"
+    if transparency is not None:
+        lambert += f"<transparency><float>{transparency}</float></transparency>"
+    lambert += "</lambert>"
     part = part_of(tmp_path, document(PAINTED, shader=lambert), "m.dae")
     assert part.material.base_color == pytest.approx((0, 1, 0, opacity), abs=1e-6)
     assert bool(read_robot(tmp_path / "robot.urdf").warnings) == warned
