@@ -62,8 +62,8 @@ test-all: $(VENV)/.installed-dev ## set up and run all tests
 test-lowest: $(VENV)/.tools ## run the fast tests with the lowest versions of libraries that pyproject.toml allows
 	$(UV) venv --quiet --clear --python $(BIN)/python .venv-lowest
 	$(UV) pip install --quiet --python .venv-lowest/bin/python --resolution lowest-direct --no-sources --editable ./client --editable '.[robots]'
-	$(UV) pip install --quiet --python .venv-lowest/bin/python --group test --group tools ruamel.yaml setuptools
-	.venv-lowest/bin/python -m pytest -m "not slow" -W ignore::DeprecationWarning $(ARGS)
+	$(UV) pip install --quiet --python .venv-lowest/bin/python --group test --group tools pip ruamel.yaml setuptools
+	.venv-lowest/bin/python -m pytest -m "not slow" -W ignore::DeprecationWarning --ignore tests/docs/generated $(ARGS)
 
 lint: $(VENV)/.installed-dev ## lint and format only, in a second
 	$(BIN)/ruff check .

@@ -232,6 +232,7 @@ class _SceneReader:
         return shapes
 
     def _read_geometry(self, geometry: Any, materials: dict[str, Any]) -> Iterator[tuple[int, int]]:
+        first_material = next(iter(materials.values()), None)  # Aspose.3D binds it to another symbol
         for primitive in geometry.primitives:
             if isinstance(primitive, collada.polylist.Polylist):
                 primitive = _triangle_set(primitive)
@@ -241,7 +242,7 @@ class _SceneReader:
             self._triangles += count
             if self._triangles > self._options.max_elements:
                 raise MeshFaultError(f"it has more than {self._options.max_elements} triangles")
-            shape = self._read_primitive(primitive, materials.get(primitive.material))
+            shape = self._read_primitive(primitive, materials.get(primitive.material, first_material))
             if shape is not None:
                 self.result.shapes.append(shape)
                 yield len(self.result.shapes) - 1, count

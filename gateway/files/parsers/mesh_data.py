@@ -71,6 +71,10 @@ class DecodedMesh(msgspec.Struct):
     attributes: list[DecodedAttribute]
 
 
+_TRIANGLES_AT_ONCE = 1 << 18
+"""Triangles that are compared with their normals at once, for the memory that this takes."""
+
+
 class MeshFaultError(ValueError):
     """Raised by parsers: a file cannot be used."""
 
@@ -125,9 +129,12 @@ def shape_of(
         points[~finite] = 0.0
     if not len(triangles):
         return None
+    units = None if normals is None else _unit_rows(np.asarray(normals, np.float64))
+    if units is not None:
+        triangles = _wound_as_normals(triangles, points, units)
     shape = Shape(points.tobytes(), np.ascontiguousarray(triangles, np.uint32).tobytes(), color=color)
-    if normals is not None:
-        shape.normals = _unit_rows(np.asarray(normals, np.float64)).tobytes()
+    if units is not None:
+        shape.normals = units.tobytes()
     if colors is not None:
         shape.colors = np.ascontiguousarray(colors, np.uint8).tobytes()
     if uv is not None and np.shape(uv) == (len(points), 2):
@@ -141,6 +148,28 @@ def shape_of(
         flipped[:, 1] = 1.0 - flipped[:, 1]
         shape.uv, shape.image = flipped.tobytes(), image
     return shape
+
+
+def _wound_as_normals(
+    triangles: NDArray[np.int64], points: NDArray[np.float32], normals: NDArray[np.float32]
+) -> NDArray[np.int64]:
+    """Return the triangles, of which those are turned over that the sum of their corners' normals opposes.
+
+    Files of robots have them, up to a third of their triangles. From where its normals point, such a triangle shows its
+    back, for which normals are reversed: it would be black where the light is beside the camera.
+    """
+    x, y, z = np.ascontiguousarray(points.T)
+    nx, ny, nz = np.ascontiguousarray(normals.T)
+    opposed = np.zeros(len(triangles), np.bool_)
+    for start in range(0, len(triangles), _TRIANGLES_AT_ONCE):
+        i, j, k = np.ascontiguousarray(triangles[start : start + _TRIANGLES_AT_ONCE].T)
+        with np.errstate(all="ignore"):
+            ax, ay, az, bx, by, bz = x[j] - x[i], y[j] - y[i], z[j] - z[i], x[k] - x[i], y[k] - y[i], z[k] - z[i]
+            along = (ay * bz - az * by) * (nx[i] + nx[j] + nx[k])
+            along += (az * bx - ax * bz) * (ny[i] + ny[j] + ny[k])
+            along += (ax * by - ay * bx) * (nz[i] + nz[j] + nz[k])
+        opposed[start : start + _TRIANGLES_AT_ONCE] = along < 0
+    return np.where(opposed[:, None], triangles[:, [0, 2, 1]], triangles)
 
 
 def _unit_rows(vectors: NDArray[np.float64]) -> NDArray[np.float32]:

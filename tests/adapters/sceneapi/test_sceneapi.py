@@ -215,7 +215,7 @@ async def test_fxaa_leaves_points_unchanged_in_the_plain_look(
         edit.set_parts(("thing",), (Part(shape, Material()),))
     world.renderer.spot = (51, 102, 153)
     response = await world.client.get(f"/scene/render?{SMALL}&look={look}")
-    pixels = decode(response.content, cv2.IMREAD_COLOR_RGB)
+    pixels = decode(response.content, cv2.IMREAD_UNCHANGED)[:, :, ::-1]
     assert (tuple(pixels[SPOT]) == world.renderer.spot) is kept
     assert tuple(pixels[40, 40]) == (204, 229, 255)
     assert (Output.INSTANCE in world.renderer.calls[-1][2]) is kept

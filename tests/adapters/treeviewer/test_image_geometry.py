@@ -254,7 +254,7 @@ def test_text_has_the_colours_of_the_command(viewer: Viewer) -> None:
 
 def test_warns_of_characters_without_a_letter(viewer: Viewer, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("gateway.scene.draw.fonts._find_machine_font", lambda char: "")
-    answer = viewer.publish({"type": "text", "text": "20 µm 𓀀"})
+    answer = viewer.publish({"type": "text", "text": "20 mm 𓀀"})
     assert answer["status"] == 0
     assert 'no font has the characters "𓀀"; boxes stand for them' in answer["warnings"][0]
     answer = viewer.publish({"type": "text", "text": " \n\t"})

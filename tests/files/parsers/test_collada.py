@@ -134,3 +134,10 @@ def test_a_mesh_with_a_broken_material_is_drawn(image: str) -> None:
     texture = '<phong><diffuse><texture texture="i" texcoord="t"/></diffuse></phong>'
     data = document(PAINTED, shader=texture)
     assert read(data.replace('<image id="i"><init_from> {} </init_from></image>', image))
+
+
+def test_a_material_that_is_bound_to_another_symbol() -> None:
+    """As Aspose.3D writes it; Assimp does the same."""
+    shader = "<lambert><diffuse><color>0 1 0 1</color></diffuse></lambert>"
+    shape, _ = read(document(PAINTED.replace('material="s"', 'material="default"'), shader=shader))
+    assert shape.color == (0, 1, 0, 1)

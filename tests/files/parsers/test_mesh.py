@@ -298,6 +298,15 @@ def test_strips_of_ply_files_are_triangles(form: str) -> None:
     np.testing.assert_array_equal(triangles, [(0, 1, 3), (2, 3, 1), (0, 1, 4)])
 
 
+def test_triangles_face_where_their_normals_point() -> None:
+    corners = "v 0 0 0\nv 1 0 0\nv 0 1 0\nvn 0 0 1\nvn 0 0 -1\n"
+    (shape,) = content(corners + "f 1//1 2//1 3//1\nf 1//2 2//2 3//2\nf 1//1 3//1 2//1\n", "obj").shapes
+    positions = np.frombuffer(shape.positions, np.float32).reshape(-1, 3)
+    points = positions[np.frombuffer(shape.triangles or b"", np.uint32)].reshape(-1, 3, 3)
+    facing = np.cross(points[:, 1] - points[:, 0], points[:, 2] - points[:, 0])
+    assert facing[:, 2].tolist() == [1, -1, 1]
+
+
 @pytest.mark.parametrize("end", ["\n", "\r\n"])
 @pytest.mark.parametrize(
     ("first", "second"),
