@@ -7,7 +7,6 @@ pointers: ``p[i]`` reads and writes without a check. The Python caller keeps the
 
 from __future__ import annotations
 
-import ctypes
 import math
 from collections.abc import Callable, Mapping
 from typing import Any, Final
@@ -60,17 +59,6 @@ def aligned_parts(sizes: Mapping[str, int]) -> tuple[NDArray[np.uint8], dict[str
     for name in offsets:
         offsets[name] += address
     return memory, offsets
-
-
-Table = tuple[NDArray[np.int64], memoryview, int]
-"""An array, its memory and its address."""
-
-
-def table(values: int) -> Table:
-    """Return a new (values,) int64 array of zeros, its memory and its address."""
-    array = np.zeros(values, np.int64)
-    memory = array.data
-    return array, memory, ctypes.addressof(ctypes.c_char.from_buffer(memory))
 
 
 def _pointer_to(scalar: Any) -> Any:

@@ -20,22 +20,4 @@ from renderers.compiler.simd.arithmetic import *
 from renderers.compiler.simd.interleaved import *
 from renderers.compiler.simd.lanes import *
 from renderers.compiler.simd.load_store import *
-from renderers.compiler.simd.vectors import LANES as LANES
-from renderers.compiler.simd.vectors import F32x8 as F32x8
-from renderers.compiler.simd.vectors import F32x8x2 as F32x8x2
-from renderers.compiler.simd.vectors import F32x8x3 as F32x8x3
-from renderers.compiler.simd.vectors import F32x8x4 as F32x8x4
-from renderers.compiler.simd.vectors import F32x8x6 as F32x8x6
-from renderers.compiler.simd.vectors import F32x8x8 as F32x8x8
-from renderers.compiler.simd.vectors import F64x8 as F64x8
-from renderers.compiler.simd.vectors import F64x8x2 as F64x8x2
-from renderers.compiler.simd.vectors import F64x8x3 as F64x8x3
-from renderers.compiler.simd.vectors import I32x8 as I32x8
-from renderers.compiler.simd.vectors import I32x8x2 as I32x8x2
-from renderers.compiler.simd.vectors import I32x8x3 as I32x8x3
-from renderers.compiler.simd.vectors import Lanes as Lanes
-from renderers.compiler.simd.vectors import Mask8 as Mask8
-from renderers.compiler.simd.vectors import f32 as f32
-from renderers.compiler.simd.vectors import f64 as f64
-from renderers.compiler.simd.vectors import i32 as i32
-from renderers.compiler.simd.vectors import iota as iota
+from renderers.compiler.simd.vectors import *

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from renderers.camera import Camera
 from renderers.compiler.kernel_calls import kernel_address
-from renderers.compiler.pointers import aligned, table
+from renderers.compiler.pointers import address_of, aligned
 from renderers.compiler.simd import LANES
 from renderers.drawlist import DrawList
 from renderers.interface import Look
@@ -24,11 +24,7 @@ _GAP: Final = 64
 
 
 def allocate_sample_bands(threads: int, camera: Camera, samples: int, stride: int) -> tuple[int, object]:
-    """Return the address of a SampleBand for each thread, and their memory.
-
-    Args:
-        stride: pixels from one row of ids to the next.
-    """
+    """Return the address of a SampleBand for each thread, and their memory; ``stride``: of a row of ids."""
     max_entries = (samples - 1) * camera.width
     counts = {  # of values of 4 bytes
         "sample_ids": BAND_ROWS * stride * LANES,
@@ -58,9 +54,8 @@ def allocate_sample_bands(threads: int, camera: Camera, samples: int, stride: in
 
 def mixed_bands(job: HeadlightJob) -> SampledShader:
     """Return a shader of an opaque scene that mixes colours as bytes, as VTK does; ``job``: of the whole image."""
-    array, memory, address = table(2)
-    memory[0], memory[1] = kernel_address(shade_rows), job.address
-    return SampledShader(kernel_address(shade_mixed), address, (array, job))
+    own_job = np.array((kernel_address(shade_rows), job.address), np.int64)
+    return SampledShader(kernel_address(shade_mixed), address_of(own_job, np.int64), (own_job, job))
 
 
 def paint_each_sample(
