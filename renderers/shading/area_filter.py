@@ -37,11 +37,7 @@ _COARSEST_SAMPLES: Final = 3
 
 @inlined
 def squared_sides(gradient: F32x8x4, width: F32x8, height: F32x8) -> F32x8x2:
-    """Return the squares of both sides of eight pixels' footprints, texels of a level.
-
-    Args:
-        width, height: of the level, texels.
-    """
+    """Return the squares of both sides of eight pixels' footprints, texels of a level of this size."""
     du_dx, dv_dx, du_dy, dv_dy = gradient
     ds_dx, dt_dx = du_dx * width, dv_dx * height
     ds_dy, dt_dy = du_dy * width, dv_dy * height
@@ -50,11 +46,7 @@ def squared_sides(gradient: F32x8x4, width: F32x8, height: F32x8) -> F32x8x2:
 
 @inlined
 def _samples_along(squared_side: F32x8) -> F32x8:
-    """Return the number of samples at most ``_SAMPLE_SPACING`` apart; where too many, one more than permitted.
-
-    Args:
-        squared_side: squared texels.
-    """
+    """Return the number of samples at most ``_SAMPLE_SPACING`` apart; where too many, one more than permitted."""
     # Limited to the side that gives one sample more than permitted, since it may be infinite.
     longest = (_MAX_SAMPLES_PER_AXIS + 1) * _SAMPLE_SPACING
     squared_side = vec.maximum(squared_side, vec.f32(0.0))  # NaN: 0
@@ -67,9 +59,6 @@ def _area_grids(texture: ShadingTexture, gradient: F32x8x4, is_linear: bool) -> 
     """Return the grids for the footprints of eight pixels: mip level, columns and rows.
 
     The level is the finest one whose texels the permitted number of samples covers.
-
-    Args:
-        is_linear: bool; False: the filter is the nearest texel.
     """
     max_samples, max_per_axis = vec.f32(_MAX_SAMPLES), vec.f32(_MAX_SAMPLES_PER_AXIS)
     level, no_level, last_level = vec.i32(_NO_LEVEL), vec.i32(_NO_LEVEL), texture.last_level
@@ -137,13 +126,9 @@ def sample_area(
     gradient: F32x8x4,
     with_alpha: bool,
 ) -> F32x8x4:
-    """Return RGBA, 0 .. 1, averaged over the footprints of eight pixels.
+    """Return RGBA, 0 .. 1, averaged over the footprints of eight pixels, whose centres have the coordinates (u, v).
 
-    Args:
-        texture, fields: a ShadingTexture and its TextureFields.
-        pixels: its rows of texels are overwritten.
-        u, v: texture coordinates of the pixels' centres.
-        with_alpha: False: A is 1, and not read.
+    The pixels' rows of texels are overwritten. Without ``with_alpha``, A is 1, and not read.
     """
     du_dx, dv_dx, du_dy, dv_dy = gradient
     zero, half, one = vec.f32(0.0), vec.f32(0.5), vec.f32(1.0)

@@ -32,11 +32,7 @@ _MIN_ALPHA: Final = np.float32(1e-3)
 def headlight_cosines(normal: F32x8x3, ray_x: F32x8, ray_y: F32x8) -> F32x8x3:
     """Return n . l, n . v and v . l for a light along the optical axis: l = (0, 0, -1), v = -(ray_x, ray_y, 1) / |ray|.
 
-    Where the normal has no direction, n . l is 0 or NaN.
-
-    Args:
-        normal: of any length, on the visible side, in the optical frame.
-        ray_x, ray_y: where the pixels' rays meet the plane z = 1, in the optical frame.
+    Where the normal, which may have any length, has no direction, n . l is 0 or NaN.
     """
     zero, one = vec.f32(0.0), vec.f32(1.0)
     ray_length, normal_length = vec.sqrt(ray_x * ray_x + (ray_y * ray_y + one)), vec.sqrt(dot(normal, normal))
@@ -99,12 +95,8 @@ def vtk_colors(base_color: F32x8x3, metallic: F32x8) -> tuple[F32x8x3, F32x8x3, 
 def vtk_reflected(n_l: F32x8, specular: F32x8, fresnel: F32x8, diffuse: F32x8, f0: F32x8, f90_minus_f0: F32x8) -> F32x8:
     """Return one channel's linear radiance under a white headlight of radiance 1.
 
-    This is metallic-roughness (glTF 2.0 appendix B) as VTK evaluates it. The diffuse part is
-    (1 - F)(1 - metallic) base / pi.
-
-    Args:
-        n_l, specular: from ``vtk_specular``. fresnel: from ``schlick``.
-        diffuse, f0, f90_minus_f0: from ``vtk_colors``.
+    This is metallic-roughness (glTF 2.0 appendix B) as VTK evaluates it. The diffuse part is (1 - F)(1 - metallic) base
+    / pi. The arguments are from ``vtk_specular``, ``schlick`` and ``vtk_colors``.
     """
     f = f0 + f90_minus_f0 * fresnel
     return n_l * (diffuse * (vec.f32(1.0) - f)) + specular * f
@@ -124,13 +116,8 @@ def reflected(
 ) -> F32x8x3:
     """Return the BRDF times the cosine of the light, RGB; undefined where ``n_l`` is not positive.
 
-    A dielectric mixes diffuse and specular reflection by the largest channel of its Fresnel term. A metal reflects with
-    its base colour.
-
-    Args:
-        n, v, l: unit vectors.
-        n_l: n . l.
-        f0, f90: reflectance of the dielectric at normal incidence (RGB) and at grazing angles.
+    A dielectric, whose reflectance is ``f0`` at normal incidence and ``f90`` at grazing angles, mixes diffuse and
+    specular reflection by the largest channel of its Fresnel term. A metal reflects with its base colour.
     """
     zero, one = vec.f32(0.0), vec.f32(1.0)
     n_v = vec.maximum(vec.absolute(dot(n, v)), vec.f32(1e-4))
@@ -173,13 +160,12 @@ def ambient_channel(
     diffuse_light: F32x8,
     specular_light: F32x8,
 ) -> F32x8:
-    """Return one channel of the light that a surface reflects from the environment. All values are f32x8.
+    """Return one channel of the light that a surface reflects from the environment.
 
     Light that is scattered several times on rough surfaces is added as in Fdez-Aguera, "A Multiple-Scattering
     Microfacet Model for Real-Time Image-based Lighting" (JCGT 2019).
 
     Args:
-        f0, f90: as in ``reflected``, one channel.
         scale, bias: factors of F0 and F90 in the integral over a white hemisphere (``split_sum``).
         diffuse_light: irradiance divided by pi.
         specular_light: radiance around the mirrored direction, filtered for the roughness.

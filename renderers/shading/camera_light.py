@@ -121,11 +121,7 @@ def ambient_light(light: CameraLightInputs, normal: F32x8x3) -> F32x8:
 
 @inlined
 def diffuse_light(light: CameraLightInputs, normal: F32x8x3, point: F32x8x3) -> F32x8x3:
-    """Return the light of the further lights on surfaces, RGB. It casts no shadows.
-
-    Args:
-        normal: unit vectors, optical frame.
-    """
+    """Return the light of the further lights on surfaces with these unit normals, RGB. It casts no shadows."""
     zero = vec.f32(0.0)
     red, green, blue = zero, zero, zero
     for k in range(light.light_count):
@@ -141,10 +137,7 @@ def diffuse_light(light: CameraLightInputs, normal: F32x8x3, point: F32x8x3) -> 
 def _lit_share(shadow_depth: Pointer[F32], side: I64, u: F32x8, v: F32x8, z: F32x8) -> F32x8:
     """Return the share of a light that reaches points, from four texels with bilinear weights; 1 outside of the map.
 
-    Args:
-        shadow_depth: (side, side), metres, +inf: nothing.
-        u, v: positions in the map, texels.
-        z: depths of the points, metres.
+    ``u`` and ``v`` are positions in the map, (side, side), in texels; ``z`` is the depth of the points.
     """
     zero, one, last = vec.f32(0.0), vec.f32(1.0), vec.f32(side - 1)
     u, v = u - vec.f32(0.5), v - vec.f32(0.5)

@@ -82,11 +82,7 @@ def draw_cut_outs(
     solid_pixels: SolidPixels,
     max_layers: int = MAX_LAYERS,
 ) -> None:
-    """Draw the solid parts of instances into a layer of the other instances.
-
-    Args:
-        cut_out: (I,) bool, the instances of which parts may be cut out.
-    """
+    """Draw the solid parts of the instances ``cut_out`` into a layer of the other instances."""
     for layer in peeled(rasterizer, scene, camera, cut_out, None, visible, max_layers):
         is_solid = solid_pixels(layer, camera)
         np.copyto(visible.ids, layer.ids, where=is_solid)

@@ -25,10 +25,8 @@ _MIN_LINEAR_BITS: Final = int(_MIN_LINEAR.view(np.int32))
 
 
 def _gamma_from_linear() -> NDArray[np.float32]:
-    """Return (5122,) float32: ``c^(1/2.2)`` of every 2^16th float32 from _MIN_LINEAR to 1.
-
-    The first entry is 0. The last one is for interpolation at 1.
-    """
+    """Return ``c^(1/2.2)`` of every 2^16th float32 from _MIN_LINEAR to 1, (5122,), with one more for interpolation at
+    1."""
     linear = cell_starts(_MIN_LINEAR).view(np.float32).astype(np.float64)
     encoded: NDArray[np.float32] = (linear ** (1.0 / GAMMA)).astype(np.float32)
     encoded[0] = 0.0
@@ -47,17 +45,13 @@ LINEAR_FROM_GAMMA: Final = (np.minimum(np.arange(_STEPS + 2) / _STEPS, 1.0) ** G
 
 @inlined
 def byte_from_unit(c: F32x8) -> I32x8:
-    """Return ``round(255 c)`` of an f32x8 as i32x8. NaN and values below 0 give 0, values above 1 give 255."""
+    """Return ``round(255 c)``. NaN and values below 0 give 0, values above 1 give 255."""
     return vec.to_i32(saturate(c) * vec.f32(255.0) + vec.f32(0.5))
 
 
 @inlined
 def decode_gamma(c: F32x8, linear_from_gamma: Pointer[F32]) -> F32x8:
-    """Return ``c^2.2`` of an f32x8, clamped to 0 .. 1 (NaN to 0), with an error of at most 1e-7.
-
-    Args:
-        linear_from_gamma: ``LINEAR_FROM_GAMMA``.
-    """
+    """Return ``c^2.2``, clamped to 0 .. 1 (NaN to 0), with an error of at most 1e-7, by the table LINEAR_FROM_GAMMA."""
     step = saturate(c) * vec.f32(float(_STEPS))
     cell = vec.to_i32(step)
     low, high = vec.gather(linear_from_gamma, cell), vec.gather(linear_from_gamma, cell + vec.i32(1))
@@ -66,11 +60,8 @@ def decode_gamma(c: F32x8, linear_from_gamma: Pointer[F32]) -> F32x8:
 
 @inlined
 def encode_gamma(c: F32x8, gamma_from_linear: Pointer[F32]) -> F32x8:
-    """Return ``c^(1/2.2)`` of an f32x8, clamped to 0 .. 1 (NaN to 0), with an error of at most 2e-6.
-
-    Args:
-        gamma_from_linear: ``GAMMA_FROM_LINEAR``.
-    """
+    """Return ``c^(1/2.2)``, clamped to 0 .. 1 (NaN to 0), with an error of at most 2e-6, by the table
+    GAMMA_FROM_LINEAR."""
     c = vec.minimum(vec.maximum(c, vec.f32(_MIN_LINEAR)), vec.f32(1.0))
     bits = vec.float_bits(c) - vec.i32(_MIN_LINEAR_BITS)
     cell = bits >> vec.i32(CELL_BITS)

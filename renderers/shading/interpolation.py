@@ -22,12 +22,10 @@ weights."""
 
 @inlined
 def _span_starts_after(start_bits: Pointer[I64], x: I64) -> I64:
-    """Return int64, a bit for each of the pixels x + 1 .. x + 9 of a row, set where a span begins.
+    """Return a bit for each of the pixels x + 1 .. x + 9 of a row, set where a span begins.
 
-    The last bit, of the first pixel of the next eight, only counts: see ``interpolate``.
-
-    Args:
-        start_bits: as in ShadingContext. The word of pixel x + 1 and the next one are read.
+    The last bit, of the first pixel of the next eight, only counts: see ``interpolate``. The word of pixel x + 1 and
+    the next one are read.
     """
     # The upper word moves left by 64 - bit, in two steps, since a shift by 64 is undefined.
     word, bit = (x + 1) >> 6, (x + 1) & 63
@@ -45,24 +43,15 @@ def pixel_columns(columns: I64, x: I64) -> I32x8:
 
 @inlined
 def _span_values(rows: Pointer[F32], row: I64, slot: I64, offsets: I32x8) -> F32x8:
-    """Return the values in a row of PartSpans for the spans of eight pixels.
-
-    Args:
-        rows: pointer to a field of PartSpans, of which ``row`` is one row.
-        slot: index in PartSpans of the first pixel's span; seven more are loaded.
-        offsets: index of each pixel's span, counted from ``slot``.
-    """
+    """Return the values in ``row`` of a field of PartSpans for the spans of eight pixels: ``slot`` plus ``offsets``."""
     return vec.permute(vec.load(rows, row * ROW_STRIDE + slot), offsets)
 
 
 @inlined
 def _along_span(rows: Pointer[F32], row: I64, components: I64, slot: I64, offsets: I32x8, t: F32x8) -> F32x8:
-    """Return a value that is linear along spans, at eight pixels.
+    """Return a value that is linear along spans, ``t`` pixels from the beginnings of eight pixels' spans.
 
-    Args:
-        rows, slot, offsets: as in ``_span_values``.
-        row: row of the value at the first pixel of each span; its change per pixel is ``components`` rows further.
-        t: pixels from the beginning of each pixel's span.
+    ``row`` has the value at the first pixel of each span. Its change per pixel is ``components`` rows further.
     """
     return _span_values(rows, row, slot, offsets) + _span_values(rows, row + components, slot, offsets) * t
 
@@ -137,13 +126,7 @@ def _store_gradient(
     """Store how u (``k`` = 0) or v (1) of eight pixels changes per column and per row of the image.
 
     Let U be the weighted sum of u, and W the sum of the weights. Both are linear over the image, and u = U / W, so that
-    du/dx = (dU/dx - u dW/dx) / W.
-
-    Args:
-        pixel: index in the part of the first of the pixels.
-        slot, offsets: as in ``_span_values``.
-        uv: u or v.
-        inv_sum: 1 / W.
+    du/dx = (dU/dx - u dW/dx) / W. ``inv_sum`` is 1 / W.
     """
     spans = context.part_spans
     for axis in range(2):  # columns, rows
@@ -156,13 +139,7 @@ def _store_gradient(
 
 @device_function
 def _store_surface(context: ShadingContext, columns: F32x8, pixel: I64, slot: I64, offsets: I32x8, t: F32x8) -> None:
-    """Store ``position`` of eight pixels, and ``flat_normal`` if it is read.
-
-    Args:
-        columns: image columns of the pixels.
-        pixel, slot, offsets: as in ``_store_gradient``.
-        t: as in ``_along_span``.
-    """
+    """Store ``position`` of eight pixels in these columns of the image, and ``flat_normal`` if it is read."""
     spans, pixels, inputs = context.part_spans, context.pixels, context.inputs
     z = vec.f32(1.0) / _along_span(spans.inv_z, 0, 1, slot, offsets, t)
     x = (columns + vec.f32(0.5 - inputs.cx)) * vec.f32(1.0 / inputs.fx) * z

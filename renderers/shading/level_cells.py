@@ -31,11 +31,7 @@ def cell_starts(lowest: np.float32) -> NDArray[np.int32]:
 
 
 def level_thresholds(decode: Callable[[NDArray[np.float64]], NDArray[np.float64]]) -> NDArray[np.float32]:
-    """Return the least linear value of each level, (256,) float32; the first is 0.
-
-    Args:
-        decode: returns linear values of encoded ones, 0 .. 1.
-    """
+    """Return the least linear value of each level, (256,) float32; the first is 0. ``decode`` makes linear values."""
     return decode(np.maximum(np.arange(256) - 0.5, 0.0) / 255.0).astype(np.float32)
 
 
@@ -45,9 +41,6 @@ def level_cells(thresholds: NDArray[np.float32]) -> NDArray[np.int32]:
     The sum of a cell's entry and the bits of a value has the value's level in its third byte. An entry is the level of
     the cell's first value times 2^16, plus the number of values at or above the next threshold, minus the bits of the
     first value, modulo 2^32.
-
-    Args:
-        thresholds: from ``level_thresholds``.
     """
     bits = cell_starts(_LOWEST)
     levels = np.searchsorted(thresholds, bits.view(np.float32), side="right") - 1
@@ -60,19 +53,13 @@ def level_cells(thresholds: NDArray[np.float32]) -> NDArray[np.int32]:
 
 @inlined
 def _level(c: F32x8, cells: Pointer[I32]) -> I32x8:
-    """Return the level of an f32x8, 0 .. 255, in the third byte of an i32x8. Its lower bytes are undefined."""
+    """Return the level, 0 .. 255, in the third byte. The lower bytes are undefined."""
     bits = vec.float_bits(vec.minimum(vec.maximum(c, vec.f32(_LOWEST)), vec.f32(1.0)))
     return vec.gather(cells, (bits >> vec.i32(CELL_BITS)) - vec.i32(_FIRST_CELL)) + bits
 
 
 @inlined
 def encoded_pixels(r: F32x8, g: F32x8, b: F32x8, cells: Pointer[I32]) -> I32x8:
-    """Return eight linear colours as packed pixels, red in the lowest byte.
-
-    NaN and values below 0 give 0, values above 1 give 255.
-
-    Args:
-        cells: pointer to a table from ``level_cells``.
-    """
+    """Return eight linear colours, clamped to 0 .. 1 (NaN to 0), as packed pixels, by a table from ``level_cells``."""
     red, green = _level(r, cells) >> vec.i32(16), _level(g, cells) >> vec.i32(8)
     return red | (green & vec.i32(0xFF00)) | (_level(b, cells) & vec.i32(0xFF0000))

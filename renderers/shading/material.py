@@ -75,11 +75,7 @@ def unoccluded_share(material: ShadingMaterial, pixels: PartPixels, pixel: I64) 
 
 @device_function
 def apply_normal_map(context: ShadingContext, count: I64) -> None:
-    """Replace the rows ``normal`` by unit normals from the material's normal map.
-
-    Normals stay unchanged where a tangent has no direction. All do if there is no normal map or the mesh has no
-    tangents.
-    """
+    """Replace the rows ``normal`` by unit normals from the material's normal map, where the tangent has a direction."""
     material, pixels = context.material, context.pixels
     if material.normal_texture < 0 or (context.used_attribute_bits & HAS_TANGENTS) == 0:
         return

@@ -126,11 +126,8 @@ def vertex_color_rule(material: Material, look: LookName) -> int:
 
 
 def reflectance(ior: float) -> float:
-    """Return the reflectance at normal incidence of a dielectric in air (KHR_materials_ior).
-
-    Args:
-        ior: index of refraction; 0: total reflection.
-    """
+    """Return the reflectance at normal incidence of a dielectric in air (KHR_materials_ior); ``ior`` 0: total
+    reflection."""
     return 1.0 if ior == 0.0 else ((ior - 1.0) / (ior + 1.0)) ** 2
 
 
@@ -152,8 +149,7 @@ class MaterialTable:
     def index_of(self, material: Material, lit: bool) -> int:
         """Return the index of a material, which is added if it is new.
 
-        Args:
-            lit: False for lines and points, which have no surface to be lit.
+        ``lit`` is False for lines and points, which have no surface to be lit.
         """
         index = self._indices.setdefault((id(material), lit), len(self._values))
         if index == len(self._values):
@@ -181,11 +177,7 @@ def _lighting(material: Material, look: LookName) -> int:
 
 
 def material_values(material: Material, look: LookName, lit: bool, textures: TextureTable) -> dict[str, Any]:
-    """Return the fields of a ShadingMaterial, by name; its textures are added to ``textures``.
-
-    Args:
-        lit: as in ``MaterialTable.index_of``.
-    """
+    """Return the fields of a ShadingMaterial, by name; its textures are added to ``textures``."""
     adapted = look_material(material if lit else replace(material, unlit=True), look)
     lit = not adapted.unlit
     # A metal without a texture has no dielectric part.

@@ -31,8 +31,7 @@ _BYTE_FROM_SCALED: Final = np.round(np.arange(_MAX_LINEAR + 1) * (255.0 / _MAX_L
 def mip_level_rows(image: Image, srgb: bool) -> NDArray[np.uint8]:
     """Return the array of an image (see ``textures``) with all mip levels, from the cache if possible.
 
-    Args:
-        srgb: average colours in linear light. Alpha is always averaged as stored.
+    With ``srgb``, colours are averaged in linear light. Alpha is always averaged as stored.
 
     Raises:
         ImageError: the image cannot be decoded. The message does not name the image.
@@ -55,8 +54,7 @@ def make_chain(pixels: NDArray[np.uint8], size: tuple[int, int], srgb: bool) -> 
     The last level has a single texel. A texel is the mean of the area it covers.
 
     Args:
-        pixels: (>= H, >= W, 4) uint8, C-contiguous, the first level in its upper left corner.
-        size: height and width of the first level.
+        pixels: (>= H, >= W, 4), C-contiguous, the first level, of this size, in its upper left corner.
 
     Raises:
         Exception: the current ``StopFlag`` was set.
@@ -125,10 +123,8 @@ def halve(
 ) -> None:
     """Fill a mip level from the previous one, which is in the upper left corner of ``source``.
 
-    Args:
-        to_linear, from_linear: tables that convert bytes to the values that are averaged, and back.
-        stop_address: address of a ``StopFlag``, checked once per row: the first level of 8192 x 8192 texels takes a
-            second.
+    ``to_linear`` and ``from_linear`` convert bytes to the values that are averaged, and back. The stop flag is checked
+    once per row: the first level of 8192 x 8192 texels takes a second.
     """
     height, width = level.shape[0], level.shape[1]
     if source_height == 2 * height and source_width == 2 * width:

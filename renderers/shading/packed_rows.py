@@ -14,12 +14,7 @@ _PREFETCH_DISTANCE: Final = 1024
 
 @device_function
 def write_packed_row(color: Pointer[U8], packed_row: Pointer[I32], width: I64) -> None:
-    """Write a packed row to a row of the image.
-
-    Args:
-        color: pointer to the row, (width, 3).
-        packed_row: ``width`` int32, rounded up to whole vectors.
-    """
+    """Write a packed row, rounded up to whole vectors, to a row of the image, (width, 3)."""
     # A vector store overruns by up to four bytes. The last pixels are stored singly, to keep the next row intact.
     vector_end = max(width - 2, 0) // vec.LANES * vec.LANES
     for x in range(0, vector_end, vec.LANES):

@@ -162,8 +162,7 @@ def _locate_in_levels(
 ) -> None:
     """Fill ``texel_offsets`` and ``texel_weights`` for each pixel's level, and for the next one if it is between two.
 
-    Args:
-        level_count: 2 if any pixel is between two levels, else 1.
+    ``level_count`` is 2 if any pixel is between two levels, else 1.
     """
     zero, last_level = vec.i32(0), vec.i32(fields.last_level)
     mag_linear, min_linear = vec.i32(texture.mag_linear) != zero, vec.i32(texture.min_linear) != zero
@@ -187,11 +186,7 @@ def _locate_in_levels(
 def _read_levels(
     fields: TextureFields, pixels: PartPixels, count: I64, level_count: I64, rows: Pointer[F32], with_alpha: bool
 ) -> None:
-    """Fill ``rows`` from the texels that ``_locate_in_levels`` has found, interpolated between levels.
-
-    Args:
-        level_count: as for ``_locate_in_levels``.
-    """
+    """Fill ``rows`` from the texels that ``_locate_in_levels`` has found, interpolated between levels."""
     for level_offset in range(level_count):
         offsets, weights = located_rows(pixels, level_offset)
         for pixel in range(0, count, vec.LANES):
@@ -218,25 +213,17 @@ def _mix_with_stored(rows: Pointer[F32], pixel: I64, rgba: F32x8x4, weight: F32x
 
 @device_function
 def sample(context: ShadingContext, index: I64, count: I64, rows: Pointer[F32], with_alpha: bool) -> None:
-    """Sample a texture at the first ``count`` pixels, 0 .. 1 per channel, by ``sample_texture``.
+    """Sample texture ``index`` at the first ``count`` pixels, 0 .. 1 per channel, into four rows of PartPixels.
 
     Texel centres are at ((i + 0.5) / width, (j + 0.5) / height). Mip levels and areas need the rows ``uv_gradient``.
-
-    Args:
-        index: index of the texture in ShadingInputs.textures.
-        rows: four rows of PartPixels that are filled.
-        with_alpha: False: the fourth row is undefined.
+    Without ``with_alpha``, the fourth row is undefined.
     """
     call_kernel(context.inputs.sampling_kernel, (address(context), index, count, address(rows), i64(with_alpha)))
 
 
 @kernel
 def sample_texture(context_address: Address, index: I64, count: I64, rows_address: Address, fills_alpha: I64) -> None:
-    """Do what ``sample`` says: a kernel of its own, compiled once for all looks.
-
-    Args:
-        rows_address, fills_alpha: ``rows`` and ``with_alpha`` (0 or 1).
-    """
+    """Do what ``sample`` says: a kernel of its own, compiled once for all looks."""
     context, rows, with_alpha = ShadingContext(context_address), f32_at(rows_address), fills_alpha != 0
     inputs, pixels = context.inputs, context.pixels
     texture = inputs.textures[index]

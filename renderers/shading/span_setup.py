@@ -83,11 +83,7 @@ class CornerIndexPointers(NamedTuple):
 def set_up_part(context: ShadingContext, first_span: I64, part_end_span: I64, segment_end_span: I64) -> bool:
     """Fill PartSpans for a part of a segment: the spans ``first_span .. part_end_span``, at most one for each pixel.
 
-    Args:
-        segment_end_span: index after the segment's last span; spans from it on are not prefetched.
-
-    Returns:
-        True if the normal is constant along each span.
+    Return True if the normal is constant along each span. Spans from ``segment_end_span`` on are not prefetched.
     """
     call_kernel(context.inputs.span_setup_kernel, (address(context), first_span, part_end_span, segment_end_span))
     return context.has_constant_normals != 0
@@ -128,8 +124,7 @@ def _prefetch(context: ShadingContext, span: I64, segment_end_span: I64) -> None
 def _set_up_eight_spans(context: ShadingContext, span: I64, span_count: I64, slot: I64) -> bool:
     """Set up 1 to 8 spans from ``span`` on, whose values in each row of PartSpans begin at ``slot``.
 
-    Returns:
-        True if the normal is constant along each span.
+    Return True if the normal is constant along each span.
     """
     spans, material, attribute_bits = context.part_spans, context.material, context.used_attribute_bits
     # Pixels and primitive. Lanes beyond the last span get its values: what follows it may belong to other instances.
@@ -282,12 +277,7 @@ def _store_normals(
 def _store_flat_normals(
     context: ShadingContext, slot: I64, p0: F64x8x3, p1: F64x8x3, p2: F64x8x3, weight_sign: F64x8
 ) -> None:
-    """Fill ``flat_normal``, and ``normal`` if the mesh has no normals that the material reads.
-
-    Args:
-        p0, p1, p2: vertices, metres, optical frame.
-        weight_sign: of ``weight_matrix``.
-    """
+    """Fill ``flat_normal``, and ``normal`` if the mesh has no normals that the material reads."""
     spans, zero, one = context.part_spans, vec.f64(0.0), vec.f64(1.0)
     plane_normal = cross(minus(p1, p0), minus(p2, p0))
     length = vec.sqrt(dot(plane_normal, plane_normal))

@@ -45,13 +45,8 @@ class Rays(NamedTuple):
 
 @inlined
 def rays_of(inputs: ShadingInputs, y: I64, first_column: I32x8, steps_to_last: F64x8) -> Rays:
-    """Return the Rays of spans.
-
-    Args:
-        y: row of the image.
-        first_column: column of the image of the first pixel.
-        steps_to_last: number of steps from the first pixel to the last.
-    """
+    """Return the Rays of spans in row ``y`` of the image, from ``first_column`` to ``steps_to_last`` pixels further
+    on."""
     pixel_width, pixel_height = vec.f64(1.0 / inputs.fx), vec.f64(1.0 / inputs.fy)  # in the plane z = 1
     first_x = (vec.to_f64(first_column) + vec.f64(0.5 - inputs.cx)) * pixel_width
     ray_y = vec.f64(y + 0.5 - inputs.cy) * pixel_height
@@ -100,18 +95,10 @@ def _dot_ray(row: F64x8x3, ray_x: F64x8, ray_y: F64x8) -> F64x8:
 def weight_matrix(
     vertices_per_primitive: I64, p0: F64x8x3, p1: F64x8x3, p2: F64x8x3, rays: Rays
 ) -> tuple[tuple[F64x8x3, F64x8x3, F64x8x3], F64x8, F64x8]:
-    """Return the matrix whose product with a ray are the weights of the vertices, its determinant, and their sign.
+    """Return the matrix whose product with a ray are the weights of the vertices, its determinant, and ``weight_sign``.
 
-    The point's depth, metres, is the determinant divided by the sum of the weights.
-
-    Args:
-        vertices_per_primitive: as in ShadingInstance.
-        p0, p1, p2: vertices, metres, optical frame.
-        rays: the Rays of the spans.
-
-    Returns:
-        matrix: three rows of three f64x8, one row for each vertex.
-        weight_sign: 1 or -1: the factor that makes the weights positive.
+    The matrix has one row for each vertex. The sign, 1 or -1, makes the weights positive. The point's depth, metres, is
+    the determinant divided by the sum of the weights.
     """
     zero, one = vec.f64(0.0), vec.f64(1.0)
     if vertices_per_primitive == TRIANGLE_VERTICES:
@@ -130,7 +117,7 @@ def weight_matrix(
 
 @inlined
 def _weights_at(matrix: tuple[F64x8x3, F64x8x3, F64x8x3], weight_sign: F64x8, ray_x: F64x8, ray_y: F64x8) -> F64x8x3:
-    """Return the weights at the ray (ray_x, ray_y, 1); ``matrix`` and ``weight_sign`` from ``weight_matrix``.
+    """Return the weights at the ray (ray_x, ray_y, 1).
 
     Coverage is exact to 1/256 pixel, so that pixel centres may be a little outside of the triangle. Negative weights at
     the ends of a span become 0: nothing is extrapolated.
@@ -152,15 +139,10 @@ def inv_z_along_span(
     steps_to_last: F64x8,
     depths: F64x8x3,
 ) -> tuple[F64x8, F64x8]:
-    """Return 1/z at the first pixel of spans, 1/m, and its change per pixel.
+    """Return 1/z at the first pixel of spans, 1/m, and its change per pixel; ``depths``: of the vertices.
 
     It is that of the primitive's plane, limited to those of the vertices. Where ``_weights_at`` limits weights, their
     sum gives another depth: with several samples per pixel, slivers are shaded as if they were many pixels away.
-
-    Args:
-        matrix, determinant, weight_sign: from ``weight_matrix``.
-        rays, steps_to_last: as in ``rays_of``.
-        depths: of the vertices, metres.
     """
     zero, one, infinity = vec.f64(0.0), vec.f64(1.0), vec.f64(math.inf)
     nearest = vec.minimum(vec.minimum(depths[0], depths[1]), depths[2])
@@ -194,10 +176,6 @@ def scaled_weights(
 
     Scaled to the sum 1 at the first pixel, the weights fit float32. Any positive factor is valid, since the sums of
     attributes are divided by the sum of the weights.
-
-    Args:
-        matrix, weight_sign: from ``weight_matrix``.
-        rays, steps_to_last, inputs: as in ``rays_of``.
     """
     zero, one, infinity = vec.f64(0.0), vec.f64(1.0), vec.f64(math.inf)
     first = _weights_at(matrix, weight_sign, rays.first_x, rays.y)

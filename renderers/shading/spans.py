@@ -96,14 +96,10 @@ def free_row_memory(context: ShadingContext) -> None:
 
 @device_function
 def find_spans(context: ShadingContext, y: I64, columns: Address, pixel_ids: Pointer[I32], pixel_count: I64) -> I64:
-    """Find the spans of a row of pixels; return their number.
+    """Find the spans of a row of ``pixel_count`` pixels; return their number.
 
     A span also begins at every MAX_PART_PIXELS-th pixel of the row, so that the parts of a segment are whole spans, and
-    float32 is accurate along a span.
-
-    Args:
-        columns: as in ShadingContext. If it is not 0, columns may have gaps, and each pixel is a span of its own.
-        pixel_ids: primitive ids of ``pixel_count`` pixels, NO_PRIMITIVE for none.
+    float32 is accurate along a span. With ``columns``, which may have gaps, each pixel is a span of its own.
     """
     context.y, context.columns = y, columns
     _pad_ids(context.padded_ids, pixel_ids, pixel_count)
@@ -158,10 +154,7 @@ def _append_spans(context: ShadingContext, word_start: I64, bits: I64, span_coun
 def bind_next_segment(context: ShadingContext, span: I64, span_count: I64, instance_index: I64) -> NextSegment:
     """Find the end of the segment that begins with a span; set its instance and material in the ShadingContext.
 
-    Args:
-        span: index of the segment's first span in the row.
-        span_count: number of spans of the row.
-        instance_index: that of the instance that is tried first.
+    ``instance_index`` is that of the instance that is tried first.
     """
     inputs, span_primitive_ids = context.inputs, context.span_primitive_ids
     primitive_id = i64(span_primitive_ids[span])
@@ -204,13 +197,7 @@ def _bind_instance(context: ShadingContext, index: I64) -> None:
 
 @inlined
 def find_part_end(context: ShadingContext, span: I64, begin_pixel: I64, segment_end_pixel: I64) -> PartEnd:
-    """Return the end of the next part of a segment.
-
-    Args:
-        span: the part's first span.
-        begin_pixel: index in the row of the part's first pixel.
-        segment_end_pixel: index in the row after the segment's last pixel.
-    """
+    """Return the end of the next part of a segment, which begins with this span and pixel of the row."""
     end_pixel = min(segment_end_pixel, (begin_pixel & -MAX_PART_PIXELS) + MAX_PART_PIXELS)
     end_span = span  # and one more for each start bit of the part
     for word_start in range(begin_pixel & -_PIXELS_PER_WORD, end_pixel, _PIXELS_PER_WORD):

@@ -73,8 +73,7 @@ def level_size(size: I64, level: I32x8) -> I32x8:
 def located_rows(pixels: PartPixels, level_offset: I64) -> tuple[Pointer[I32], Pointer[F32]]:
     """Return two rows of ``texel_offsets`` and two of ``texel_weights``, which ``locate`` fills.
 
-    Args:
-        level_offset: 0: the rows for each pixel's mip level; 1: those for the next level.
+    With ``level_offset`` 0 they are those for each pixel's mip level, with 1 those for the next level.
     """
     first = 2 * ROW_STRIDE * level_offset
     return advance(pixels.texel_offsets, first), advance(pixels.texel_weights, first)
@@ -88,13 +87,10 @@ def _level_row(height: I32x8, level: I32x8) -> I32x8:
 
 @inlined
 def wrapped(coordinate: F32x8, wrap: I64) -> F32x8:
-    """Return texture coordinates in one period of the wrap mode; ``_texel_columns`` and ``_texel_rows`` do the rest.
+    """Return texture coordinates in one period of the WRAP_ mode; ``_texel_columns`` and ``_texel_rows`` do the rest.
 
     ``WRAP_REPEAT``: 0 <= result < 1. ``WRAP_MIRROR``: 0 <= result <= 2, the image and its mirror image. ``WRAP_CLAMP``:
     -1 <= result <= 2, so that texel indices fit int32; all indices beyond a border will read the border's texel.
-
-    Args:
-        wrap: WRAP_ constant of texture_table.
     """
     zero, one = vec.f32(0.0), vec.f32(1.0)
     coordinate = vec.select(vec.absolute(coordinate) < vec.f32(_MAX_COORDINATE), coordinate, zero)
@@ -116,14 +112,8 @@ def _clamped(index: I32x8, size: I32x8) -> I32x8:
 def _texel_columns(s: F32x8, wrap: I64, width: I32x8, is_linear: Mask8) -> tuple[I32x8, F32x8]:
     """Return the left one of the two neighbouring columns that a pixel reads, and the weight of the right one.
 
-    Args:
-        s: position in texels from the centre of column 0 (``is_linear``), else from its left border.
-        wrap: WRAP_ constant of texture_table.
-        width: of the mip level.
-
-    Returns:
-        column: 0 <= column < width. The right column is the next one in memory.
-        weight: 0 where the next one in memory is not the neighbour.
+    The right column is the next one in memory. The weight is 0 where that is not the neighbour. ``s`` is the position
+    in texels from the centre of column 0 (``is_linear``), else from its left border.
     """
     left, zero = vec.floor(s), vec.f32(0.0)
     column, weight = vec.to_i32(left), vec.select(is_linear, s - left, zero)
@@ -144,11 +134,7 @@ def _texel_columns(s: F32x8, wrap: I64, width: I32x8, is_linear: Mask8) -> tuple
 
 @inlined
 def _texel_rows(t: F32x8, wrap: I64, height: I32x8, is_linear: Mask8) -> tuple[I32x8, I32x8, F32x8]:
-    """Return which two rows a pixel reads, 0 <= row < height, and the weight of the second.
-
-    Args:
-        t, wrap, height, is_linear: as in ``_texel_columns``.
-    """
+    """Return which two rows a pixel reads, and the weight of the second; ``t``: as ``s`` of ``_texel_columns``."""
     upper = vec.floor(t)
     row, weight = vec.to_i32(upper), vec.select(is_linear, t - upper, vec.f32(0.0))
     zero, one, next_row = vec.i32(0), vec.i32(1), row + vec.i32(1)
@@ -176,10 +162,7 @@ def locate(
 ) -> None:
     """Store which texels eight pixels read, and the weights of the right and the lower ones.
 
-    Args:
-        offsets, weights: from ``located_rows``.
-        is_linear: set: interpolate between the four nearest texels; else read the texel that contains (u, v).
-        u, v: texture coordinates, ``wrapped``.
+    Where ``is_linear`` is set, they are the four nearest texels; elsewhere the texel that contains (u, v), ``wrapped``.
     """
     # Size of the level, and where it begins in memory. Levels from 1 on are right of level 0 and of its copied column.
     width, height = vec.i32(fields.width), vec.i32(fields.height)
@@ -201,11 +184,7 @@ def locate(
 
 @inlined
 def _bilinear(a: F32x8, b: F32x8, c: F32x8, d: F32x8, tx: F32x8, ty: F32x8) -> F32x8:
-    """Interpolate between four values: a and b above c and d. The result is exact if all are equal.
-
-    Args:
-        tx, ty: weights of the right and of the lower values.
-    """
+    """Interpolate between four values: a and b above c and d. The result is exact if all are equal."""
     upper, lower = a + tx * (b - a), c + tx * (d - c)
     return upper + ty * (lower - upper)
 
@@ -229,12 +208,8 @@ def _unit_channel(a: I32x8, b: I32x8, c: I32x8, d: I32x8, tx: F32x8, ty: F32x8, 
 def read_texels(
     fields: TextureFields, offsets: Pointer[I32], weights: Pointer[F32], pixel: I64, with_alpha: bool
 ) -> F32x8x4:
-    """Return RGBA, 0 .. 1, of eight pixels from the texels that ``locate`` has stored.
-
-    Args:
-        fields, offsets, weights: as in ``locate``.
-        with_alpha: False: A is 1, and not read.
-    """
+    """Return RGBA, 0 .. 1, of eight pixels from the texels that ``locate`` has stored; A is 1 without
+    ``with_alpha``."""
     tx, ty = vec.load(weights, pixel), vec.load(weights, ROW_STRIDE + pixel)
     alpha = vec.f32(1.0)
     if fields.srgb:

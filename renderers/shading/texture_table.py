@@ -33,18 +33,12 @@ class TextureTable:
         """Arrays that the addresses in ``structs`` point into."""
 
     def index_of(self, texture: Texture, srgb: bool) -> int:
-        """Return the index of a texture, which is added if it is new.
-
-        Args:
-            srgb: decode its colour channels to linear light.
-        """
+        """Return the index of a texture, which is added if it is new; ``srgb``: its colours are decoded to linear
+        light."""
         return self._indices.setdefault((texture, srgb), len(self._indices))
 
     def structs(self, parallel: Parallel | None = None) -> NDArray[Any]:
-        """Return (n,) ShadingTexture, at least one. Decodes the images.
-
-        Args:
-            parallel: decodes several images at a time; None: one after the other.
+        """Return (n,) ShadingTexture, at least one. Decodes the images, in parallel.
 
         Raises:
             ImageError: an image cannot be decoded; the message names it.
@@ -77,8 +71,7 @@ class TextureTable:
 def _prepare(textures: Iterable[tuple[Texture, bool]], parallel: Parallel | None) -> None:
     """Decode the images of textures and make their mip levels, as far as they are not cached.
 
-    Args:
-        textures: textures and their colour spaces. Error messages use the name of an image's first texture.
+    Error messages use the name of an image's first texture.
     """
     missing: dict[int, list[tuple[Texture, bool]]] = {}
     for texture, srgb in textures:

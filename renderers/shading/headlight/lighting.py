@@ -42,11 +42,8 @@ _colors = stack_array(I32, vec.LANES)
 
 @inlined
 def _base_color(material: ShadingMaterial, pixels: PartPixels, has_rows: bool, pixel: I64) -> F32x8x3:
-    """Return the base colour of eight pixels.
-
-    Args:
-        has_rows: True if the rows ``base_color`` are filled, False if all pixels have the material's factor.
-    """
+    """Return the base colour of eight pixels: from the rows ``base_color`` if they are filled, else the material's
+    factor."""
     if has_rows:
         return load3(pixels.base_color, pixel, ROW_STRIDE)
     return broadcast3(material.base_color, 0)
@@ -63,13 +60,8 @@ def _store_pixels(
     pixel: I64,
     rgb: F32x8x3,
 ) -> None:
-    """Store eight shaded pixels, for translucent layers in the rows ``base_color``.
-
-    Args:
-        is_linear: as in ``write_pixels``.
-        direct: True: store packed pixels in ``packed_row`` instead.
-        begin: index in the row of the part's first pixel.
-    """
+    """Store eight shaded pixels: packed if ``direct``, else in the rows ``base_color``. ``is_linear``: see
+    ``write_pixels``."""
     if direct:
         write_pixels(job, is_linear, packed_row, begin + pixel, rgb[0], rgb[1], rgb[2])
     else:

@@ -42,9 +42,8 @@ def paint(
     rounded once.
 
     Args:
-        rasterizer: renders visibility buffers, and runs bands in parallel.
-        scene: the draw list that ``shading`` was prepared from, with ``look.name``.
-        color: (H, W, 3) uint8, C-contiguous, or ``frame.roots``; every pixel is written.
+        shading: prepared from the scene's instances for ``look.name``.
+        color: (H, W, 3), C-contiguous, or ``frame.roots``; every pixel is written.
         frame: its ``lamp_share``, ``key_factor`` and ``light`` are filled, of the opaque surfaces.
     """
     cull_back, transparent, blended = shading.cull_back, shading.transparent, shading.blended_in_place
@@ -102,14 +101,9 @@ class HeadlightJob:
         gathered: int = 0,
         frame: Frame = _NO_IMAGES,
     ) -> None:
-        """
-        Args:
-            first_ids, X_camera_mesh: addresses of the arrays of these names in ``Visibility``.
-            stride: number of values from one row of primitive ids to the next.
-            color: address of the image, (H, W, 3) uint8, or of ``frame.roots``.
-            mode, gathered: as in HeadlightInputs.
-            frame: as in ``paint``.
-        """
+        """Args: first_ids, X_camera_mesh: addresses of the arrays of these names in ``Visibility``. stride: number of
+        values from one row of primitive ids to the next. color: address of the image, (H, W, 3) uint8, or of
+        ``frame.roots``."""
         if shading.look != look.name:
             raise ValueError(f"the scene was prepared for the look {shading.look!r}, not {look.name!r}")
         light = CameraLightJob(look.camera_light, camera) if look.camera_light is not None else None

@@ -21,10 +21,7 @@ from renderers.shading.spans import allocate_row_memory, bind_next_segment, find
 def _shade_segment(
     job: HeadlightInputs, context: ShadingContext, first_span: I64, end_span: I64, packed_row: Pointer[I32]
 ) -> None:
-    """Shade the spans ``first_span .. end_span``, of the selected instance.
-
-    It is done in parts of at most MAX_PART_PIXELS pixels, whose attributes stay in the first-level cache.
-    """
+    """Shade the spans ``first_span .. end_span``, of the selected instance, part by part."""
     starts, is_uniform, span = context.span_starts, is_uniform_lambert(job, context), first_span
     begin, end = i64(starts[first_span]), i64(starts[end_span])
     while begin < end:
@@ -56,9 +53,9 @@ def shade_rows(job_address: Address, ids_address: Address, row_begin: I64, row_e
     """Shade the rows ``row_begin .. row_end`` of the image. Rows are independent of each other.
 
     Args:
-        job_address: address of a HeadlightInputs. Its arrays of rows begin with its ``first_row``.
-        ids_address: address of the primitive ids of row ``row_begin``: int32 per pixel, NO_PRIMITIVE for none. The rows
-            are HeadlightInputs' ``stride`` values apart.
+        job_address: a HeadlightInputs. Its arrays of rows begin with its ``first_row``.
+        ids_address: primitive ids from row ``row_begin`` on, HeadlightInputs' ``stride`` values apart: int32 per pixel,
+            NO_PRIMITIVE for none.
     """
     job = HeadlightInputs(job_address)
     row_pixels = job.width + vec.LANES  # stores overrun a row by up to seven pixels

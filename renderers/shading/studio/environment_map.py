@@ -94,11 +94,7 @@ def _filtered(radiance: NDArray[np.float32]) -> Environment:
 
 
 def irradiance_of(radiance: NDArray[np.float32]) -> NDArray[np.float32]:
-    """Return the irradiance / pi of an equirectangular image, (H, W, 3) float32.
-
-    Returns:
-        Octahedral table with border, (IRRADIANCE_SIZE + 2, IRRADIANCE_SIZE + 2, 3) float32.
-    """
+    """Return the irradiance / pi of an equirectangular image, as an octahedral table of IRRADIANCE_SIZE with border."""
     # 64 x 128 pixels are enough: the cosine blurs smaller details.
     height, width = min(radiance.shape[0], 64), min(radiance.shape[1], 128)
     small = cv2.resize(radiance, (width, height), interpolation=cv2.INTER_AREA).reshape(-1, 3)
@@ -138,7 +134,7 @@ def _light_samples(samples: Array2[np.float64], roughness: F64, pixel_angle: F64
     Args:
         samples: (S, 2), points of the unit square.
         pixel_angle: solid angle of a pixel of the largest image, steradians.
-        lights: (S, 4), filled: l, whose z is n.l, and the level of the image with pixels of the sample's solid angle.
+        lights: (S, 4): l, whose z is n.l, and the level of the image with pixels of the sample's solid angle.
     """
     a2 = roughness**4
     for s in range(samples.shape[0]):
@@ -165,15 +161,12 @@ def _prefilter(
     lights: Array2[np.float64],
     means: Array2[np.float32],
 ) -> None:
-    """Fill ``means`` with the radiance around each direction n, weighted by n.l (Karis 2013).
+    """Fill ``means`` with the radiance around each direction n, a unit vector, weighted by n.l (Karis 2013).
 
     Args:
-        values: pyramid of P equirectangular images, flat.
-        offsets: (P,), index of each image's first value.
-        sizes: (P, 2), height and width of each image.
-        directions: (D, 3), unit vectors.
-        lights: (S, 4), see ``_light_samples``.
-        means: (D, 3), filled.
+        values: pyramid of equirectangular images, flat.
+        offsets, sizes: index of each image's first value; its height and width.
+        lights: see ``_light_samples``.
     """
     for k in range(directions.shape[0]):
         nx, ny, nz = directions[k, 0], directions[k, 1], directions[k, 2]

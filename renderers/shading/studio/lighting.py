@@ -115,11 +115,9 @@ def _octahedral_uv(direction: F32x8x3) -> F32x8x2:
 
 @inlined
 def _sample_environment(lighting: StudioLighting, table: I32x8, direction: F32x8x3) -> F32x8x3:
-    """Sample octahedral tables bilinearly at directions of the world. Return RGB.
+    """Sample octahedral tables bilinearly at directions of the world, of any length. Return RGB.
 
-    Args:
-        table: index of the table for each lane: a level of ``Environment``, or LEVELS for the irradiance.
-        direction: of any length.
+    ``table`` is the index of the table for each lane: a level of ``Environment``, or LEVELS for the irradiance.
     """
     tables = lighting.environment_tables
     two, four = vec.i32(2), vec.i32(4)

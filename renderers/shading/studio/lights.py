@@ -29,15 +29,11 @@ Lighting has a limit of a micrometre."""
 
 
 def dimmed_to_expose(lights: tuple[Light, ...], points: NDArray[np.float64]) -> tuple[Light, ...]:
-    """Return a file's lights, dimmed by one factor if they would overexpose the median of the lit points.
+    """Return a file's lights, dimmed by one factor if they would overexpose the median of the lit points of the world.
 
     KHR_lights_punctual has photometric units (the sun has 100,000 lux), but no exposure to go with them. Viewers show
     such files white; many files have intensities near 1 instead, which stay as they are. Shadows and the direction of
     surfaces are left out of the measurement.
-
-    Args:
-        lights: of a file, in the world frame.
-        points: (n, 3) float64, points of visible surfaces in the world frame.
     """
     with np.errstate(over="ignore"):
         illuminance = sum((_illuminance(light, points) for light in lights), np.zeros(len(points)))
@@ -76,11 +72,8 @@ def _spot_falloff(light: Light) -> tuple[float, float]:
 
 
 def light_structs(lights: Sequence[Light], shadow_maps: Sequence[int], camera: Camera) -> NDArray[Any]:
-    """Return an array of StudioLight, one per light and at least one.
-
-    Args:
-        shadow_maps: each light's index among the shadow maps, or -1.
-    """
+    """Return an array of StudioLight, at least one; ``shadow_maps``: each light's index among the shadow maps, or
+    -1."""
     X_camera_world = camera.X_camera_world
     structs = np.zeros(max(len(lights), 1), StudioLight.dtype)
     # Without lights, one struct is left as it is: zeros.

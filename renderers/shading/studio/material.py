@@ -31,8 +31,7 @@ def fill_surfaces(context: ShadingContext, fill: I64, count: I64, surfaces: Stud
         first: index of the first pixel's surface.
 
     Returns:
-        True if the surfaces must be lit. Otherwise they are unlit, and ``emitted`` is their colour, or only ``alpha``
-        was filled.
+        False if the surfaces are unlit, and ``emitted`` is their colour, or if only ``alpha`` was filled.
     """
     material, pixels = context.material, context.pixels
     fill_base_color(context, count, fill != COLOR)

@@ -56,11 +56,9 @@ def paint(
     have edges. Colours are tone-mapped before they are blended.
 
     Args:
-        rasterizer: renders visibility buffers, and runs bands in parallel.
         shading: prepared from the scene's instances for the look ``studio``.
-        samples: 1, 4 or 8 per pixel.
         background: RGB as stored in the image.
-        color: (H, W, 3) uint8, C-contiguous; every pixel is written.
+        color: (H, W, 3), C-contiguous; every pixel is written.
 
     Raises:
         SurroundingsError: the rig's image of the surroundings cannot be used.
@@ -159,9 +157,7 @@ def _peeled_mean(
     """Peel and shade the scene at each sample position, and return the mean of the samples.
 
     Args:
-        cameras: one for each sample.
-        opaque: (I,) bool, instances without translucent or cut-out surfaces.
-        first_view: opaque surfaces seen by the first camera.
+        cameras: one for each sample; ``first_view`` has the opaque surfaces that the first one sees.
         covered: (H, W), pixels to shade.
 
     Returns:

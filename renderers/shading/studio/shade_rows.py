@@ -78,11 +78,7 @@ def _blend_one(
 
 @device_function
 def _blend(row: _StudioRow, color: Pointer[F32], begin: I64, end: I64) -> None:
-    """Blend the gathered surfaces ``begin .. end`` into their columns.
-
-    Args:
-        color: pointer to the three rows of StudioSurfaces that are the surfaces' colour.
-    """
+    """Blend the gathered surfaces ``begin .. end``, whose colour is in three rows ``color``, into their columns."""
     mode, surfaces, columns = row.mode, row.surfaces, row.columns
     accumulated, channel_size = row.accumulated, row.channel_size
     lane, one, zero = vec.iota(), vec.f32(1.0), vec.f32(0.0)
@@ -173,15 +169,9 @@ def _shade_row(
     count: I64,
     instance_index: I64,
 ) -> I64:
-    """Shade the pixels of one row and blend them into its accumulated row.
+    """Shade the pixels of one row and blend them into its accumulated row; return the index of the last instance.
 
-    Args:
-        ids: pointer to the primitive ids of ``count`` pixels.
-        columns: as in ShadingContext.
-        instance_index: that of the instance that probably owns the first primitive.
-
-    Returns:
-        That of the last instance, as ``instance_index`` for the next row.
+    ``instance_index`` is that of the instance that probably owns the first primitive.
     """
     span_count = find_spans(context, y, columns, ids, count)
     span = i64(0)
@@ -198,8 +188,7 @@ def _shade_row(
 def _scale_mixed_pixels(accumulated: Pointer[F32], channel_size: I64, mixed: Pointer[I32], count: I32) -> None:
     """Scale the mixed pixels of a row by the share of the samples that see the pixel's main surface.
 
-    Args:
-        mixed: ``count`` values of the field ``mixed`` of ``msaa.SampleBand``.
+    ``mixed`` has ``count`` values of the field ``mixed`` of SampleBand.
     """
     for k in range(count):
         value = i64(mixed[k])

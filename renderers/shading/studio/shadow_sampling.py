@@ -31,7 +31,7 @@ def _add_column(
 
     Args:
         inv_z: 1/z in the map at this column.
-        column: index of the column in the filter. Beyond ``width``, the number of columns, nothing is added.
+        column: index in the filter. Beyond ``width``, the number of columns, nothing is added.
         plane, plane_du: 1/z of the receiver's plane at column 0, and its change per column.
         fu: position of the point between two texels, 0 .. 1.
     """
@@ -63,8 +63,6 @@ def _filtered(
     """Return the weighted means of the depth comparisons around eight points, 0 .. 1.
 
     Args:
-        inv_z, side: as in StudioShadowMap.
-        radius: as in ``unshadowed_share``.
         first_texel: index of the upper left texel of the filter.
         plane, plane_du, plane_dv: 1/z of the receiver's plane at that texel, and its change per column and per row.
         fu, fv: position of the point between texels, 0 .. 1.
@@ -108,8 +106,7 @@ def unshadowed_share(shadow_map: StudioShadowMap, radius: I64, point: F32x8x3, n
 
     Args:
         radius: radius of the filter, texels. The filter takes (2 radius + 1)^2 bilinear samples.
-        point: points in the camera's frame.
-        normal: unit normals of their triangles, towards the light, in the camera's frame.
+        normal: unit normals of the points' triangles, towards the light.
     """
     X_light_camera = shadow_map.X_light_camera
     x, y, z = vec.to_f64(point[0]), vec.to_f64(point[1]), vec.to_f64(point[2])

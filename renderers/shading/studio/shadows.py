@@ -67,11 +67,9 @@ _maps: WeakCache[DrawList, tuple[ShadowMap, ...]] = WeakCache("shadow_maps")
 
 
 def map_side(max_side: int, extent: float, pixel_metres: float) -> int:
-    """Return the side of a map in texels: ``max_side``, halved as long as texels stay small.
+    """Return the side of a map of ``extent`` metres in texels: ``max_side``, halved as long as texels stay small.
 
-    Args:
-        extent: metres covered by the map.
-        pixel_metres: metres covered by a pixel of the image.
+    ``pixel_metres`` is the size of a pixel of the image.
     """
     side = max_side
     while side >= 2 * _MIN_SIDE and _MAX_TEXEL_PIXELS * pixel_metres * (side // 2) >= extent:
@@ -117,13 +115,10 @@ def metres_per_pixel(points: NDArray[np.float64], camera: Camera) -> float:
 
 
 def light_camera(light: Light, points: NDArray[np.float64], max_side: int, pixel_metres: float) -> Camera | None:
-    """Return the camera of a light's map, fitted to points (n, 3) of the world.
+    """Return the camera of a light's map, fitted to points (n, 3) of the world; ``max_side``, ``pixel_metres``: see
+    map_side.
 
-    Args:
-        max_side, pixel_metres: as in ``map_side``.
-
-    Returns:
-        None for point lights, and for lights that reach none of the points.
+    It is None for point lights, and for lights that reach none of the points.
     """
     if light.kind is LightKind.POINT or not len(points):
         return None
@@ -180,11 +175,8 @@ def _map_camera(
 def shadow_map_of(
     rasterizer: Rasterizer, scene: DrawList, camera: Camera, transparent: NDArray[np.bool_], solid_pixels: SolidPixels
 ) -> ShadowMap:
-    """Return the map for a light's camera, from the cache if possible.
-
-    Args:
-        transparent: (n,), mask of the instances that may be cut out.
-    """
+    """Return the map for a light's camera, from the cache if possible; ``transparent``: instances that may be cut
+    out."""
     for known in _maps.get(scene) or ():
         is_same = (known.camera.width, known.camera.fx, known.camera.near) == (camera.width, camera.fx, camera.near)
         if is_same and np.array_equal(known.camera.X_world_camera, camera.X_world_camera):
@@ -213,10 +205,8 @@ def render_shadow_maps(
 ) -> tuple[list[ShadowMap], list[int]]:
     """Return the maps of the first ``max_maps`` lights that can have one, and each light's index of its map or -1.
 
-    Args:
-        points: (n, 3), visible points of the world, from ``visible_points``.
-        max_side, pixel_metres: as in ``map_side``.
-        transparent, solid_pixels: as in ``shadow_map_of``.
+    They are fitted to ``points`` from ``visible_points``. Other arguments are those of ``map_side`` and
+    ``shadow_map_of``.
     """
     maps: list[ShadowMap] = []
     map_of_light: list[int] = []

@@ -106,9 +106,7 @@ def write_image_row(
 ) -> None:
     """Blend a row of surfaces over the background, and write row ``y`` of the image, encoded as sRGB.
 
-    Args:
-        accumulated: pointer to an accumulated row, see ``shade_rows``.
-        packed_row: pointer to working memory for channel_values(width).
+    ``accumulated`` is an accumulated row, see ``shade_rows``; ``packed_row`` working memory for channel_values(width).
     """
     channel_size = channel_values_in_kernel(width)
     zero, one, min_share = vec.f32(0.0), vec.f32(1.0), vec.f32(1e-6)
@@ -131,12 +129,7 @@ def write_image_row(
 def write_image_rows(
     accumulated_address: Address, output_address: Address, width: I64, row_begin: I64, row_end: I64
 ) -> None:
-    """Call ``write_image_row`` for the rows ``row_begin .. row_end``.
-
-    Args:
-        accumulated_address: address of (H, 4, channel_values(width)) float32, the accumulated rows of the image.
-        output_address: address of an StudioOutput.
-    """
+    """Call ``write_image_row`` for the rows ``row_begin .. row_end`` of (H, 4, channel_values(width)) float32."""
     channel_size, output = channel_values_in_kernel(width), StudioOutput(output_address)
     packed_row = i32_at(allocate(4 * channel_size))
     for y in range(row_begin, row_end):
