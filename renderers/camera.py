@@ -39,7 +39,7 @@ class Camera:
     far: float
     """Far clipping plane, metres along +Z, > near; may be inf."""
     X_world_camera: NDArray[np.float64]
-    """(4, 4) float64: pose of the optical frame (+X right, +Y down, +Z forward) in the world."""
+    """(4, 4) float64, affine: pose of the optical frame (+X right, +Y down, +Z forward) in the world."""
     depth_origin: float = 0.0
     """Metres along +Z from which depth images count. An orthographic camera is a pinhole so far behind it."""
 

@@ -66,9 +66,7 @@ def sample_cameras(camera: Camera, samples: int) -> tuple[Camera, ...]:
 
 
 def sample_offsets(samples: int) -> NDArray[np.int32]:
-    """Return (2, 8) int32: x and y of the samples' offsets from the pixel's centre, in 1/256 pixel.
-
-    If there are four samples, they are repeated.
+    """Return (2, 8) int32: x and y of the samples' offsets from the pixel's centre, in 1/256 pixel. Four are repeated.
 
     Raises:
         ValueError: ``samples`` is not 4 or 8.

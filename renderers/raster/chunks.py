@@ -15,21 +15,14 @@ from renderers.visibility_buffer import BAND_ROWS
 
 @device_function
 def bin_range(first_row: I64, end_row: I64, base_bin: I64) -> tuple[I64, I64]:
-    """Return the first and last bin of some rows.
-
-    Args:
-        base_bin: bin of the image's first band, as from ``base_bin_of``.
-    """
+    """Return the first and last bin of some rows; ``base_bin``: from ``base_bin_of``."""
     return base_bin + first_row // BAND_ROWS, base_bin + (end_row - 1) // BAND_ROWS
 
 
 @inlined
 def base_bin_of(frame: RasterFrame, is_culled: bool) -> I64:
-    """Return the bin of the image's first band for a primitive; -1: nothing, since it is culled and not kept.
-
-    Args:
-        is_culled: whether it is a face that is culled or kept for later.
-    """
+    """Return the bin of the image's first band for a primitive; -1: it is dropped. ``is_culled``: it may be kept for
+    later."""
     if not is_culled:
         return 0
     return frame.first_back_bin if frame.first_back_bin != 0 else -1

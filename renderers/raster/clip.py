@@ -1,4 +1,8 @@
-"""Clipping of primitives that cross the near plane or leave the guard band, in the camera's frame."""
+"""Clipping of primitives that cross the near plane or leave the guard band, in the camera's frame.
+
+``points``, ``corners`` and ``out`` are (N, 3), metres in that frame; ``k`` is the index of a point. ``plane`` 0 is the
+near plane, 1 to 4 are the sides of the guard band.
+"""
 
 from __future__ import annotations
 
@@ -29,12 +33,7 @@ _clipped_vertex_indices_array: Final = stack_array(I64, MAX_POLYGON_VERTICES)
 
 @device_function
 def camera_vertex(draw: Draw, index: I64, out: Pointer[F64], k: I64) -> None:
-    """Write a vertex of a draw in the camera's frame, metres, to point ``k`` of ``out``.
-
-    Args:
-        index: of the vertex in its mesh.
-        out: (N, 3).
-    """
+    """Write vertex ``index`` of a draw's mesh to point ``k`` of ``out``."""
     p, m = draw.positions, draw.X_camera_mesh
     x, y, z = f64(p[3 * index]), f64(p[3 * index + 1]), f64(p[3 * index + 2])
     for row in range(3):
@@ -43,13 +42,7 @@ def camera_vertex(draw: Draw, index: I64, out: Pointer[F64], k: I64) -> None:
 
 @device_function
 def _plane_distance(frame: RasterFrame, plane: I64, points: Pointer[F64], k: I64) -> F64:
-    """Return how far a point lies inside the near plane (0) or a side of the guard band (1 to 4).
-
-    Args:
-        plane: 0 to 4.
-        points: (N, 3), metres in the camera's frame.
-        k: index of the point.
-    """
+    """Return how far a point lies inside a plane."""
     x, y, z = points[3 * k], points[3 * k + 1], points[3 * k + 2]
     # A side is fx x / z + cx >= -GUARD_BAND, times z, and so on. The far plane is left to the depth test.
     if plane == 0:
@@ -67,15 +60,10 @@ def _plane_distance(frame: RasterFrame, plane: I64, points: Pointer[F64], k: I64
 def _interpolate_at_plane(
     points: Pointer[F64], inside: I64, d_inside: F64, outside: I64, d_outside: F64, out: Pointer[F64], k: I64
 ) -> None:
-    """Write the intersection of an edge and a plane to point ``k`` of ``out``.
+    """Write the intersection of a plane and the edge between two points, at the distances d, to point ``k`` of ``out``.
 
     It is always computed from the inside end, so that two triangles with a common edge get the same point. It may
     replace the outside end (``out`` is ``points``): each coordinate is read before it is written.
-
-    Args:
-        points, out: (N, 3).
-        inside, outside: indices of the edge's ends in ``points``.
-        d_inside, d_outside: their distances as from ``_plane_distance``.
     """
     t = d_inside / (d_inside - d_outside)
     for axis in range(3):
@@ -85,11 +73,7 @@ def _interpolate_at_plane(
 
 @device_function
 def project_to_pixels(frame: RasterFrame, points: Pointer[F64], k: I64) -> tuple[F32, F32]:
-    """Return the pixel coordinates of a point that does not lie behind the near plane.
-
-    Args:
-        points, k: as for ``_plane_distance``.
-    """
+    """Return the pixel coordinates of a point that does not lie behind the near plane."""
     x, y, inv_z = points[3 * k], points[3 * k + 1], 1.0 / points[3 * k + 2]
     return f32(frame.fx * x * inv_z + frame.cx), f32(frame.fy * y * inv_z + frame.cy)
 
@@ -113,14 +97,11 @@ def _clip_at_plane(
     clipped: Pointer[F64],
     clipped_vertex_indices: Pointer[I64],
 ) -> I64:
-    """Clip a polygon at one plane (Sutherland and Hodgman); return the number of points that are left.
+    """Clip a polygon at one plane (Sutherland and Hodgman); return the number of points of ``clipped``.
 
     Args:
-        plane: as for ``_plane_distance``.
-        points, vertex_indices: pointers to the polygon's ``count`` points, (N, 3), and to the indices,
-            of the mesh's vertices that they are, or -1. A vertex of the mesh keeps exactly the grid position that
-            neighbouring triangles use.
-        clipped, clipped_vertex_indices: pointers to those of the result.
+        vertex_indices: index in the mesh of each of the ``count`` points; -1: none. A vertex of the mesh keeps exactly
+            the grid position that neighbouring triangles use.
     """
     clipped_count = 0
     previous = count - 1
@@ -149,15 +130,11 @@ def _clip_at_plane(
 def clip_triangle(
     frame: RasterFrame, draw: Draw, primitive_in_mesh: I64, corners: Pointer[F64], polygon: Pointer[I64]
 ) -> I64:
-    """Compute the visible part of a triangle.
+    """Compute the visible part of a triangle; return its number of vertices. 0: nothing is left.
 
     Args:
-        corners: ``corner_array``; gets the triangle's vertices, not clipped, metres in the camera's frame. The plane of
-            1/z goes through them.
-        polygon: ``polygon_array``; gets the clipped polygon's vertices, grid units.
-
-    Returns:
-        Number of vertices of the polygon; 0: nothing is left.
+        corners: ``corner_array``; gets the triangle's vertices, not clipped. The plane of 1/z goes through them.
+        polygon: ``polygon_array``; gets the vertices of the visible part, grid units.
     """
     indices = draw.indices
     points, clipped = _points_array(), _clipped_array()
@@ -190,11 +167,7 @@ def clip_triangle(
 
 @device_function
 def clip_line(frame: RasterFrame, ends: Pointer[F64]) -> bool:
-    """Clip a segment in place; return whether something is left.
-
-    Args:
-        ends: pointer to its two ends, (2, 3), metres in the camera's frame.
-    """
+    """Clip a segment, whose ends are two points, in place; return whether something is left."""
     if not _is_finite(ends, 2):
         return False
     for plane in range(PLANES):

@@ -19,6 +19,7 @@ from renderers.compiler.jit import kernel
 from renderers.compiler.kernel_calls import is_set
 from renderers.compiler.kernel_types import F32, F64, I64, U32, U64, Address, Pointer, f32, f64, i64, u64
 from renderers.compiler.pointers import address_of, f32_at, f64_at, i64_at, u32_at
+from renderers.shading.vec3 import cross, dot
 from renderers.stop import current_stop
 
 NEAR_ZERO: Final = 2.0**-40
@@ -42,12 +43,7 @@ def _hash(value: U64) -> U64:
 
 @inlined
 def _measure(positions: Pointer[F32], vertex_count: I64, out: Pointer[F64]) -> bool:
-    """Write centre and half extents of the bounding box; return False if a vertex is not finite.
-
-    Args:
-        vertex_count: number of positions.
-        out: pointer to 8 float64, of which the last six are written, metres in the mesh's frame.
-    """
+    """Write centre and half extents of the bounding box to ``out[2:8]``; return False if a vertex is not finite."""
     for axis in range(3):
         low, high = f32(np.inf), f32(-np.inf)
         finite = True
@@ -87,12 +83,9 @@ def _faces_away(
     extent: F64,
     stop_at: Address,
 ) -> bool:
-    """Return whether all triangles face away from a point; degenerate ones, as at a sphere's poles, may do anything.
+    """Return whether all triangles face away from ``center``; degenerate ones, as at a sphere's poles, may do anything.
 
-    Args:
-        triangle_count: number of triangles.
-        center: the point, metres.
-        extent: largest half extent of the mesh's box, metres.
+    ``extent`` is the largest half extent of the mesh's box, metres.
     """
     for t in range(triangle_count):
         if t % _BLOCK == 0 and is_set(stop_at):
@@ -100,9 +93,7 @@ def _faces_away(
         a = _from_center(positions, i64(indices[3 * t]), center)
         b = _from_center(positions, i64(indices[3 * t + 1]), center)
         c = _from_center(positions, i64(indices[3 * t + 2]), center)
-        normal_x, normal_y, normal_z = b[1] * c[2] - b[2] * c[1], b[2] * c[0] - b[0] * c[2], b[0] * c[1] - b[1] * c[0]
-        volume = a[0] * normal_x + a[1] * normal_y + a[2] * normal_z
-        if not volume > 0.0:
+        if not dot(a, cross(b, c)) > 0.0:
             tolerance = 4.0 * NEAR_ZERO * extent
             if not (_coincide(a, b, tolerance) | _coincide(b, c, tolerance) | _coincide(c, a, tolerance)):
                 return False
@@ -119,13 +110,10 @@ def _clean_and_hash(
     hashes: Pointer[I64],
     stop_at: Address,
 ) -> bool:
-    """Write the cleaned positions and two hashes of each; return whether any position has changed.
+    """Write the positions, with coordinates up to ``near_zero`` as 0, and two hashes of each; return whether any
+    changed.
 
-    Args:
-        vertex_count: number of positions.
-        near_zero: coordinates, metres, up to this count as 0.
-        cleaned: (vertex_count, 3); ``bits``: the same memory as uint32.
-        hashes: (vertex_count, 2).
+    ``bits`` is the memory of ``cleaned`` as uint32.
     """
     changed = False
     for k in range(vertex_count):
@@ -149,10 +137,6 @@ def _edge_sum(indices: Pointer[U32], triangle_count: I64, hashes: Pointer[I64], 
 
     A and B are the two hashes of a position. If each edge occurs as often in the other direction, the sum is 0;
     otherwise it is 0 with a probability of about 2^-60.
-
-    Args:
-        triangle_count: number of triangles.
-        hashes: as from ``_clean_and_hash``.
     """
     edge_sum = i64(0)
     for t in range(triangle_count):
@@ -179,12 +163,11 @@ def check_back_faces_hidden(
     """Check whether a mesh is closed and faces away from the centre of its bounding box everywhere.
 
     Args:
-        positions_at, vertex_count, indices_at, triangle_count: the mesh, float32 and uint32.
-        cleaned_at: address of (vertex_count, 3) float32; gets the positions with values near zero set to zero.
-        hashes_at: address of (vertex_count, 2) uint64 of scratch.
-        out_at: address of 8 float64: 1 if it is closed and faces away, else 0; 1 if the cleaned positions differ, else
-            0; centre and half extents of the bounding box.
-        stop_at: address of a ``StopFlag``; the result means nothing if it was set.
+        cleaned_at: (vertex_count, 3) float32; gets the positions with values near zero set to zero.
+        hashes_at: (vertex_count, 2) uint64 of scratch.
+        out_at: 8 float64: 1 if it is closed and faces away, else 0; 1 if the cleaned positions differ, else 0; centre
+            and half extents of the bounding box.
+        stop_at: a ``StopFlag``; the result means nothing if it was set.
     """
     positions, indices, out = f32_at(positions_at), u32_at(indices_at), f64_at(out_at)
     cleaned, bits, hashes = f32_at(cleaned_at), u32_at(cleaned_at), i64_at(hashes_at)
@@ -208,12 +191,11 @@ def cullable_mesh(
     """Return the bounding box of a mesh whose back faces are hidden from outside; None for other meshes.
 
     Args:
-        positions: (N, 3) float32, C-contiguous.
-        indices: (M, 3) uint32, C-contiguous, below N.
+        positions, indices: (N, 3) and (M, 3), C-contiguous.
 
     Returns:
         Centre and half extents of the box, and the positions to draw the mesh with: values near zero are exactly zero,
-        so that vertices on the two sides of a seam are equal.
+            so that vertices on the two sides of a seam are equal.
 
     Raises:
         Exception: the current ``StopFlag`` was set.

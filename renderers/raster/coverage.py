@@ -13,7 +13,6 @@ from renderers.compiler.structs import Struct
 from renderers.raster.chunks import pixels_between, primitives_in_bin
 from renderers.raster.depth_test import ANY_ORDER, IN_ORDER, PEELED, depth_test, depth_test_pixel
 from renderers.raster.fill import Pixel, make_fill
-from renderers.raster.layer import set_band_layer
 from renderers.raster.layout import (
     COLOR_FACES,
     HALF_PIXEL,
@@ -26,6 +25,7 @@ from renderers.raster.layout import (
     Primitive,
     RasterFrame,
     SmallTriangle,
+    set_band_layer,
 )
 from renderers.raster.small_triangles import SmallTriangleSpans, draw_small, find_small_spans
 from renderers.visibility_buffer import BAND_ROWS
@@ -167,11 +167,8 @@ def _clear_rows(frame: RasterFrame, layer: Layer, first_row: I64, end_row: I64) 
 
 @device_function
 def _draw_pixels(frame: RasterFrame, target: _Target, chunk: Chunk, begin: I64, end: I64) -> None:
-    """Draw some of a chunk's pixels of tiny triangles.
-
-    Args:
-        begin, end: range of values as in Chunk.fragment_pixels; those of kept back faces are negative (KEPT_BACK_BIT).
-    """
+    """Draw a chunk's pixels of tiny triangles from ``begin`` to ``end``, which are values as in
+    Chunk.fragment_pixels."""
     layer, depth_rule = target.layer, target.depth_rule
     layer_begin = layer.first_row * frame.stride
     for k in range(0, chunk.fragment_count, vec.LANES):
@@ -216,11 +213,7 @@ def _draw_chunk(frame: RasterFrame, target: _Target, chunk: Chunk, first_row: I6
 
 @kernel
 def draw_band(frame_address: Address, first_row: I64, end_row: I64, band_memory: Address, faces: I64) -> None:
-    """Rasterize a band.
-
-    Args:
-        faces: COLOR_FACES or KEPT_BACK_FACES.
-    """
+    """Rasterize the COLOR_FACES or KEPT_BACK_FACES of a band."""
     frame = RasterFrame(frame_address)
     layer, target = Layer(), _Target()
     set_band_layer(frame, layer, first_row, band_memory)

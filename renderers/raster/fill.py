@@ -4,6 +4,9 @@ A sample point is covered if it is inside all edges, or on a left edge or a hori
 edge crosses a row is a quotient of integers below 2^50 and 2^33. If it is not an integer, it differs from one by at
 least 2^-33 at a magnitude below 2^17, so that rounding to float64 does not change its ceiling. Spans are half-open: of
 two triangles with a common edge, exactly one covers each point.
+
+All coordinates are grid units. Corners (``xa``, ``y0``, ``polygon``, a ``polygon_array``) are integers. Of a sample
+point, ``x`` is the offset across from its pixel's centre, and ``y`` the position down.
 """
 
 from __future__ import annotations
@@ -34,12 +37,7 @@ Target = TypeVar("Target", bound=Struct)
 
 @inlined
 def _first_column_right_of(xa: F64, ya: F64, xb: F64, yb: F64, x: F64x8, y: F64x8) -> I32x8:
-    """Return the first pixel column whose sample point is on or right of the edge a -> b.
-
-    Args:
-        xa, ya, xb, yb: float64 integers, grid units; ya != yb.
-        x, y: grid units: the point's offset across from the pixel's centre, and its position down.
-    """
+    """Return the first pixel column whose sample point is on or right of the edge a -> b, which is not horizontal."""
     dy = vec.f64(yb - ya)
     numerator = vec.f64(xb - xa) * (y - vec.f64(ya)) + (vec.f64(xa - HALF_PIXEL) - x) * dy
     crossing = vec.ceil(numerator / (dy * vec.f64(float(SUBPIXEL))))
@@ -65,11 +63,7 @@ def inv_z_origin(primitive: Primitive) -> Pixel:
 
 @device_function
 def _polygon_of(frame: RasterFrame, primitive: Primitive, polygon: Pointer[I64]) -> I64:
-    """Write the corners of a triangle, of a line's parallelogram or of a clipped triangle; return their number.
-
-    Args:
-        polygon: ``polygon_array``.
-    """
+    """Write the corners of a triangle, of a line's parallelogram or of a clipped triangle; return their number."""
     geometry, kind = primitive.geometry, primitive.kind
     if kind == KIND_TRIANGLE:
         for k in range(6):
@@ -108,11 +102,7 @@ class _Corners(NamedTuple):
 
 @inlined
 def _triangle_of(polygon: Pointer[I64], corner: I64) -> tuple[_Corners, I64]:
-    """Return the _Corners 0, ``corner - 1`` and ``corner`` of a polygon, and twice their area, square grid units.
-
-    Args:
-        polygon: ``polygon_array``.
-    """
+    """Return the _Corners 0, ``corner - 1`` and ``corner`` of a polygon, and twice their area, square grid units."""
     x0, y0, x1, y1 = polygon[0], polygon[1], polygon[2 * corner - 2], polygon[2 * corner - 1]
     x2, y2 = polygon[2 * corner], polygon[2 * corner + 1]
     area = (x1 - x0) * (y2 - y0) - (x2 - x0) * (y1 - y0)
@@ -123,11 +113,7 @@ def _triangle_of(polygon: Pointer[I64], corner: I64) -> tuple[_Corners, I64]:
 
 @inlined
 def _limit_by_edge(start: I32x8, stop: I32x8, xa: F64, ya: F64, xb: F64, yb: F64, x: F64x8, y: F64x8) -> I32x8x2:
-    """Narrow the columns ``start .. stop`` of rows to the inner side of a clockwise triangle's edge a -> b.
-
-    Args:
-        xa, ya, xb, yb, x, y: as for ``_first_column_right_of``.
-    """
+    """Narrow the columns ``start .. stop`` of rows to the inner side of a clockwise triangle's edge a -> b."""
     if ya == yb:
         return start, stop
     column = _first_column_right_of(xa, ya, xb, yb, x, y)
@@ -137,12 +123,7 @@ def _limit_by_edge(start: I32x8, stop: I32x8, xa: F64, ya: F64, xb: F64, yb: F64
 
 @inlined
 def _covered_columns(corners: _Corners, left: I64, right: I64, x: F64x8, y: F64x8) -> I32x8x2:
-    """Return the columns ``start .. stop`` in which each sample point is covered.
-
-    Args:
-        left, right: limits of the columns.
-        x, y: as for ``_first_column_right_of``.
-    """
+    """Return the columns ``start .. stop`` within ``left .. right`` in which each sample point is covered."""
     x0, y0 = f64(corners.x0), f64(corners.y0)
     x1, y1 = f64(corners.x1), f64(corners.y1)
     x2, y2 = f64(corners.x2), f64(corners.y2)
@@ -161,11 +142,11 @@ def make_fill(
 
     Args:
         rows: number of rows whose spans are found at a time: 8, each lane is a row; or 1, each lane is a sample.
-        sample_points: ``sample_points(frame, row)`` returns the sample points of ``rows`` rows from ``row`` on, as two
-            f64x8 in grid units: their offset across from the pixel's centre, and their position down.
-        draw_spans: ``draw_spans(frame, target, primitive, row, count, start, stop, base)`` draws ``count``
-            of these rows. Each point is covered in the columns ``start .. stop`` (i32x8). ``base`` is the
-            pixel that ``primitive.inv_z_base`` belongs to.
+        sample_points: ``sample_points(frame, row)`` returns x and y of the sample points of ``rows`` rows from ``row``
+            on, f64x8.
+        draw_spans: ``draw_spans(frame, target, primitive, row, count, start, stop, base)`` draws ``count`` of these
+            rows. Each point is covered in the columns ``start .. stop`` (i32x8). ``base`` is the pixel that
+            ``primitive.inv_z_base`` belongs to.
         draw_point: ``draw_point(frame, target, primitive, first_row, end_row)`` draws a KIND_POINT.
     """
 

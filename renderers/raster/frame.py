@@ -121,17 +121,7 @@ class FrameJob:
             **work_addresses,
             **(_sample_fields(samples)[0] if samples > 1 else {}),
         )
-        self._useful_threads = self._set_up(camera, prepared)
-
-    def _set_up(self, camera: Camera, prepared: PreparedScene) -> int:
-        """Set up the frame and return the number of threads that can share its work."""
-        useful_threads: int = set_up_frame(self._frame_address)
-        if useful_threads == 0:
-            with np.errstate(all="ignore"):  # poses that are not finite draw nothing
-                self.X_camera_mesh[:] = np.matmul(camera.X_camera_world, prepared.X_world_mesh)
-            self._frame["poses_ready"] = 1
-            useful_threads = set_up_frame(self._frame_address)
-        return useful_threads
+        self._useful_threads: int = set_up_frame(self._frame_address)
 
     def layers(
         self,
@@ -195,12 +185,8 @@ class FrameJob:
         return np.flatnonzero(np.cumsum(begun - ended)).astype(np.int32)
 
     def sampled_task(self, bands: int, memory: object, shader: SampledShader) -> Task:
-        """``task`` for several samples per pixel.
-
-        Args:
-            bands: address of a SampleBand for each thread.
-            memory: their memory.
-        """
+        """``task`` for several samples per pixel; ``bands``: address of a SampleBand for each thread, ``memory``:
+        theirs."""
         self._keep += [memory, shader]
         frame = self._frame
         frame["draw_kernel"], frame["edges_kernel"] = kernel_address(draw_samples), kernel_address(find_edges)

@@ -91,11 +91,7 @@ def _run_unit(frame: RasterFrame, phase: I64, unit: I64, band_memory: Address) -
 
 @device_function
 def _draw_shade_resolve(frame: RasterFrame, first_row: I64, end_row: I64, band_memory: Address) -> None:
-    """Draw, shade and resolve one band.
-
-    Args:
-        band_memory: the thread's layer of a band; 0: the frame has a layer of the whole image, which its caller shades.
-    """
+    """Draw, shade and resolve one band; ``band_memory``: as for ``set_band_layer``."""
     call_kernel(frame.draw_kernel, (address(frame), first_row, end_row, band_memory, COLOR_FACES))
     if frame.shade_kernel != 0:
         # Shading knows no RasterFrame: it gets its own job, and band_memory, which begins with the primitive ids.
@@ -108,11 +104,7 @@ def _draw_shade_resolve(frame: RasterFrame, first_row: I64, end_row: I64, band_m
 
 @device_function
 def _draw_and_shade_samples(frame: RasterFrame, first_row: I64, end_row: I64, band_memory: Address) -> None:
-    """Draw and shade one band with several samples per pixel, which have no other output than colour.
-
-    Args:
-        band_memory: the thread's SampleBand.
-    """
+    """Draw and shade one band, a SampleBand, with several samples per pixel, which have no other output than colour."""
     call_kernel(frame.draw_kernel, (address(frame), first_row, end_row, band_memory))
     call_kernel(frame.edges_kernel, (address(frame), first_row, end_row, band_memory))
     call_kernel(frame.shade_kernel, (frame.shade_job, band_memory, frame.stride, first_row, end_row))

@@ -21,15 +21,9 @@ SMALL_WORK: Final = 60_000
 
 @kernel(releases_gil=False)
 def set_up_frame(frame_address: Address) -> I64:
-    """Compute the last fields of a RasterFrame.
-
-    Returns:
-        Maximum number of threads that can share the frame; 0 if the camera's pose is not affine or has no inverse. Then
-        the caller has to fill ``X_camera_mesh`` and set ``poses_ready``, and call again.
-    """
+    """Compute the last fields of a RasterFrame; return the maximum number of threads that can share the frame."""
     frame = RasterFrame(frame_address)
-    if frame.poses_ready == 0 and not compute_camera_poses(frame):
-        return 0
+    compute_camera_poses(frame)
     keeps_back_faces = collect_draws(frame) > 0 and frame.keep_back_faces != 0
     threads, vertices, primitives = frame.max_threads, frame.vertex_count, frame.primitive_count
     frame.band_count, frame.chunk_count = _quotient_up(frame.height, BAND_ROWS), _quotient_up(primitives, CHUNK_SIZE)
@@ -48,5 +42,5 @@ def set_up_frame(frame_address: Address) -> I64:
 
 @inlined
 def _quotient_up(a: I64, b: I64) -> I64:
-    """Return a / b, rounded up; int64."""
+    """Return a / b, rounded up."""
     return (a + b - 1) // b

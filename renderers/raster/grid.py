@@ -9,7 +9,7 @@ import numpy as np
 from renderers.compiler.device_function import device_function, inlined
 from renderers.compiler.kernel_types import F32, I64, f32, i64
 from renderers.compiler.simd import I32x8
-from renderers.raster.layout import HALF_PIXEL, SUBPIXEL, SUBPIXEL_BITS, RasterFrame
+from renderers.raster.layout import HALF_PIXEL, SUBPIXEL, SUBPIXEL_BITS, RasterFrame, SmallTriangle
 
 N = TypeVar("N", I64, I32x8)
 
@@ -43,9 +43,8 @@ def first_center(value: I64) -> I64:
 def pixel_box(frame: RasterFrame, min_x: I64, min_y: I64, max_x: I64, max_y: I64, reach: I64) -> Box[I64]:
     """Return the Box of pixels in the image that what lies between two grid points may cover.
 
-    Args:
-        min_x, min_y, max_x, max_y: grid units.
-        reach: grid units from a pixel's centre to its outermost sample, and what a primitive is widened by.
+    ``reach`` is the distance from a pixel's centre to its outermost sample, plus what a primitive is widened by, grid
+    units.
     """
     return Box(
         left=max(first_center(min_x - reach), 0),
@@ -59,3 +58,11 @@ def pixel_box(frame: RasterFrame, min_x: I64, min_y: I64, max_x: I64, max_y: I64
 def is_empty(box: Box[I64]) -> bool:
     """Return whether a Box has no pixels."""
     return box.left >= box.right or box.top >= box.bottom
+
+
+@inlined
+def box_of(triangle: SmallTriangle) -> Box[I64]:
+    """Return the Box of a SmallTriangle, perhaps off the image. The high halves of its packed fields are for rows."""
+    packed_origin, packed_size = i64(triangle.box_origin), i64(triangle.box_size)
+    left, top = ((packed_origin & 0xFFFF) ^ 0x8000) - 0x8000, packed_origin >> 16  # both signed
+    return Box(left, top, left + (packed_size & 0xFFFF), top + (packed_size >> 16))

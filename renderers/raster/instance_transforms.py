@@ -6,15 +6,13 @@ from renderers.compiler.device_function import device_function, inlined
 from renderers.compiler.kernel_types import F64, I64, Pointer
 from renderers.compiler.pointers import advance, u8_at
 from renderers.raster.layout import GUARD_BAND, Draw, RasterFrame, RasterInstance
+from renderers.shading.vec3 import cofactor, determinant
 
 
 @device_function
 def _is_unclipped_convex(frame: RasterFrame, m: Pointer[F64], instance: RasterInstance) -> bool:
-    """Return whether a mesh is convex and its box lies beyond the near plane and within the guard band.
-
-    Args:
-        m: pointer to the instance's ``X_camera_mesh``, (4, 4).
-    """
+    """Return whether a mesh is convex, and its box, at the pose ``m``, beyond the near plane and within the guard
+    band."""
     center, half = instance.box_center, instance.box_half_extents
     # Over the box, in the camera's frame: limits of |x| and |y|, and the least z.
     max_x, max_y, min_z = abs(m[3]), abs(m[7]), m[11]
@@ -36,31 +34,17 @@ def _is_unclipped_convex(frame: RasterFrame, m: Pointer[F64], instance: RasterIn
 
 
 @device_function
-def _determinant(m: Pointer[F64]) -> F64:
-    """Return the determinant, of the upper left 3 x 3 of ``m``, (4, 4)."""
-    return (
-        m[0] * (m[5] * m[10] - m[6] * m[9]) + m[1] * (m[6] * m[8] - m[4] * m[10]) + m[2] * (m[4] * m[9] - m[5] * m[8])
-    )
-
-
-@device_function
-def compute_camera_poses(frame: RasterFrame) -> bool:
-    """Fill ``X_camera_mesh`` from ``X_world_camera`` and ``X_world_mesh``.
-
-    Returns:
-        False, with nothing filled, if the camera's pose is not affine or has no inverse.
-    """
+def compute_camera_poses(frame: RasterFrame) -> None:
+    """Fill ``X_camera_mesh`` from ``X_world_camera``, whose last row is taken as (0, 0, 0, 1), and ``X_world_mesh``."""
     c, world, out, count = frame.X_world_camera, frame.X_world_mesh, frame.X_camera_mesh, frame.instance_count
-    determinant = _determinant(c)
-    if not (c[12] == 0.0 and c[13] == 0.0 and c[14] == 0.0 and c[15] == 1.0 and abs(determinant) > 0.0):
-        return False
-    scale = 1.0 / determinant
+    scale = 1.0 / determinant(c)
     for row in range(3):
-        # A row of the inverse of the camera's 3 x 3: cofactors over the determinant.
-        p, q = (row + 1) % 3, (row + 2) % 3
-        inverse_x = (c[4 + p] * c[8 + q] - c[4 + q] * c[8 + p]) * scale
-        inverse_y = (c[8 + p] * c[q] - c[8 + q] * c[p]) * scale
-        inverse_z = (c[p] * c[4 + q] - c[q] * c[4 + p]) * scale
+        # A row of the inverse of the camera's 3 x 3: cofactors of a column over the determinant.
+        inverse_x, inverse_y, inverse_z = (
+            cofactor(c, 0, row) * scale,
+            cofactor(c, 1, row) * scale,
+            cofactor(c, 2, row) * scale,
+        )
         for k in range(count):
             first = 16 * k  # of a matrix, (4, 4)
             for column in range(4):
@@ -72,13 +56,12 @@ def compute_camera_poses(frame: RasterFrame) -> bool:
     for k in range(count):
         for column in range(12, 16):
             out[16 * k + column] = world[16 * k + column]
-    return True
 
 
 @inlined
 def _back_sign(m: Pointer[F64]) -> I64:
-    """Return the sign, +1 or -1, of the area on screen of back faces; ``m`` as for ``_is_unclipped_convex``."""
-    return -1 if _determinant(m) < 0.0 else 1
+    """Return the sign, +1 or -1, of the area on screen of back faces at the pose ``m``."""
+    return -1 if determinant(m) < 0.0 else 1
 
 
 @device_function
@@ -89,7 +72,7 @@ def _set_signs(frame: RasterFrame, k: I64, draw: Draw) -> None:
     if frame.cull_back != 0 and cull_back[k] != 0:
         draw.culled_area_sign = _back_sign(m)
     is_convex = frame.skip_hidden_back_faces != 0 and _is_unclipped_convex(frame, m, frame.instances[k])
-    if is_convex and _determinant(m) != 0.0:
+    if is_convex and determinant(m) != 0.0:
         draw.hidden_area_sign = _back_sign(m)
 
 
@@ -97,8 +80,7 @@ def _set_signs(frame: RasterFrame, k: I64, draw: Draw) -> None:
 def collect_draws(frame: RasterFrame) -> I64:
     """Fill ``draws`` and the counts of draws, vertices and primitives from the selected instances.
 
-    Returns:
-        Number of draws whose back faces are culled, without those whose back faces are hidden anyway.
+    Return the number of draws whose back faces are culled, without those whose back faces are hidden anyway.
     """
     is_selected = u8_at(frame.is_selected)
     culling_draws = draw_count = vertices = primitives = 0

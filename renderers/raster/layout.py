@@ -8,12 +8,13 @@ RasterFrame ─┬─ RasterInstance    a mesh of the draw list
 
 from __future__ import annotations
 
-from typing import Final, NamedTuple
+from typing import Final
 
-from renderers.compiler.device_function import inlined
-from renderers.compiler.kernel_types import F32, F64, I32, I64, U32, Address, Pointer, i64
-from renderers.compiler.pointers import advance
+from renderers.compiler.device_function import device_function, inlined
+from renderers.compiler.kernel_types import F32, F64, I32, I64, U32, Address, Pointer
+from renderers.compiler.pointers import advance, f32_at, i32_at
 from renderers.compiler.structs import Struct, inline
+from renderers.visibility_buffer import BAND_ROWS
 
 SUBPIXEL_BITS: Final = 8
 SUBPIXEL: Final = 1 << SUBPIXEL_BITS
@@ -98,7 +99,7 @@ class SmallTriangle(Struct):
     id: I32
     kind: I32
     edge1_dy: I32  # change per row of the second
-    box_origin: I32  # packed column and row of the box's first pixel: see box_of
+    box_origin: I32  # packed column and row of the box's first pixel: see grid.box_of
     box_size: I32  # packed likewise: numbers of columns and rows
     inv_z_base: F32  # at the box's first pixel centre; this and the rest are as in Primitive
     inv_z_dx: F32
@@ -202,7 +203,6 @@ class RasterFrame(Struct):
     instance_ids: Pointer[I32]  # values for ``instance_out``
     X_world_mesh: Pointer[F64]  # (4, 4) each
     X_camera_mesh: Pointer[F64]  # (4, 4) each
-    poses_ready: I64  # flag: X_camera_mesh is filled
     is_selected: Address  # bool for each instance: whether to draw it; 0: all are drawn
     cull_back: Address  # bool for each instance: whether its back faces are culled; 0: none are
     skip_hidden_back_faces: I64  # flag: back faces of convex meshes need not be drawn
@@ -285,18 +285,28 @@ def vertex_of(frame: RasterFrame, draw: Draw, index: I64) -> Pointer[F32]:
     return advance(frame.vertices, 4 * (draw.first_vertex + index))
 
 
-class SmallBox(NamedTuple):
-    """Pixels in which a SmallTriangle may be; perhaps off the image. It has counts, where ``grid.Box`` has ends."""
-
-    left: I64
-    top: I64
-    column_count: I64
-    row_count: I64
-
-
 @inlined
-def box_of(triangle: SmallTriangle) -> SmallBox:
-    """Return the box of a SmallTriangle: rows are packed in the high halves, columns in the low ones."""
-    packed_origin, packed_size = i64(triangle.box_origin), i64(triangle.box_size)
-    left = ((packed_origin & 0xFFFF) ^ 0x8000) - 0x8000  # sign-extended from 16 bits
-    return SmallBox(left, packed_origin >> 16, packed_size & 0xFFFF, packed_size >> 16)
+def set_band_layer(frame: RasterFrame, layer: Layer, first_row: I64, band_memory: Address) -> None:
+    """Set a Layer to that of the band which begins with ``first_row``.
+
+    ``band_memory`` has BAND_ROWS x stride int32, the ids, then as many float32, the 1/z. 0: the layer is the image's.
+    """
+    if band_memory == 0:
+        layer.ids, layer.inv_z, layer.first_row = i32_at(frame.layer_ids), f32_at(frame.layer_inv_z), 0
+    else:
+        layer.ids, layer.first_row = i32_at(band_memory), first_row
+        layer.inv_z = advance(f32_at(band_memory), BAND_ROWS * frame.stride)
+
+
+@device_function
+def draw_of(frame: RasterFrame, index: I64, is_vertex: bool) -> I64:
+    """Return the index of the Draw of a vertex, or of a primitive, among those drawn in the frame."""
+    low, high = 0, frame.draw_count
+    while high - low > 1:  # bisection: the draw is one of low .. high
+        middle = (low + high) >> 1
+        draw = frame.draws[middle]
+        if (draw.first_vertex if is_vertex else draw.first_frame_primitive) <= index:
+            low = middle
+        else:
+            high = middle
+    return low

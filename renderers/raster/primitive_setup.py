@@ -89,11 +89,8 @@ def _set_inv_z_plane(
     """Set the plane of 1/z through the vertices before snapping; the same for both windings.
 
     1/z is linear on screen. Snapping moves a vertex by up to half a grid unit, which would tilt the plane, the more the
-    smaller the triangle. As ``triangle_geometry.inv_z_plane`` of eight triangles.
-
-    Args:
-        v0, v1, v2: the corners, as from ``vertex_of``.
-        base_x, base_y: pixel to whose centre ``inv_z_base`` belongs.
+    smaller the triangle. ``inv_z_base`` is at the centre of pixel (``base_x``, ``base_y``).
+    ``triangle_geometry.inv_z_plane`` does the same for eight triangles.
     """
     ax, ay, aw = f64(v0[0]), f64(v0[1]), f64(v0[2])
     ux, uy, uw = f64(v1[0]) - ax, f64(v1[1]) - ay, f64(v1[2]) - aw

@@ -290,13 +290,10 @@ class CpuRenderer:
             paint(rasterizer, scene, shading, camera, look, color, call.frame)
 
     def _draw_at_once(self, call: _Call, select: NDArray[np.bool_] | None = None) -> None:
-        """Fill all outputs with instances that are opaque in them.
+        """Fill all outputs with instances that are opaque in them; ``select``: as in ``visibility``.
 
         With one sample per pixel, they are rasterized once: a band is shaded while it is in the cache, before the back
         faces that only geometry shows are drawn on top.
-
-        Args:
-            select: as in ``visibility``.
         """
         prepared, camera, look, threads = call.prepared, call.camera, call.look, self._threads.threads
         has_color, outputs, samples = call.color is not None, call.addresses[1:], 1

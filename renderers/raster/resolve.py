@@ -21,8 +21,7 @@ from renderers.compiler.pointers import advance, f32_at, i32_at
 from renderers.compiler.simd import Lanes
 from renderers.drawlist import LABEL_NONE
 from renderers.primitive_ids import instance_of
-from renderers.raster.layer import set_band_layer
-from renderers.raster.layout import Layer, RasterFrame
+from renderers.raster.layout import Layer, RasterFrame, set_band_layer
 
 _BACKGROUND_LABEL: Final = int(np.uint32(LABEL_NONE).astype(np.int32))
 _BACKGROUND_INSTANCE_ID: Final = -1

@@ -19,8 +19,8 @@ from renderers.compiler.jit import kernel
 from renderers.compiler.kernel_types import F32, F64, I64, U32, Address, Pointer, f64, i64
 from renderers.compiler.pointers import advance, f32_at
 from renderers.primitive_ids import instance_of
-from renderers.raster.layer import set_band_layer
-from renderers.raster.layout import TRIANGLE_VERTICES, Layer, RasterFrame
+from renderers.raster.layout import TRIANGLE_VERTICES, Layer, RasterFrame, set_band_layer
+from renderers.shading.vec3 import cross, dot, times
 
 Vector = tuple[F64, F64, F64]
 _TOWARDS_CAMERA: Final = (0.0, 0.0, -1.0)
@@ -78,7 +78,7 @@ def _write_span(frame: RasterFrame, instance_index: I64, primitive_id: I64, row:
     corner_indices = advance(instance.mesh_indices, 3 * (primitive_id - instance.first_id))
     corners = _camera_corners(X_camera_mesh, instance.mesh_positions, corner_indices)
     adjugate = _adjugate(corners)
-    flat_normal = _geometric_normal(adjugate, _dot(adjugate.first, corners.first))
+    flat_normal = _geometric_normal(adjugate, dot(adjugate.first, corners.first))
     if instance.mesh_normals == 0:
         _fill(out, start, stop, flat_normal)
         return
@@ -94,18 +94,6 @@ def _fill(out: Pointer[F32], start: I64, stop: I64, normal: Vector) -> None:
     """Write one normal to the pixels ``start .. stop`` of a row."""
     for column in range(start, stop):
         out[3 * column], out[3 * column + 1], out[3 * column + 2] = normal
-
-
-@inlined
-def _dot(a: Vector, b: Vector) -> F64:
-    """Return a . b."""
-    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
-
-
-@inlined
-def _cross(a: Vector, b: Vector) -> Vector:
-    """Return a x b."""
-    return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
 
 
 @inlined
@@ -137,13 +125,13 @@ def _camera_corners(X_camera_mesh: Pointer[F64], positions: Pointer[F32], corner
 @inlined
 def _adjugate(m: _Rows) -> _Rows:
     """Return the adjugate of the matrix with these columns: its inverse times its determinant."""
-    return _Rows(_cross(m.second, m.third), _cross(m.third, m.first), _cross(m.first, m.second))
+    return _Rows(cross(m.second, m.third), cross(m.third, m.first), cross(m.first, m.second))
 
 
 @inlined
 def _times(matrix: _Rows, v: Vector) -> Vector:
     """Return the product of a matrix and a vector."""
-    return _dot(matrix.first, v), _dot(matrix.second, v), _dot(matrix.third, v)
+    return dot(matrix.first, v), dot(matrix.second, v), dot(matrix.third, v)
 
 
 @inlined
@@ -170,11 +158,11 @@ def _geometric_normal(adjugate: _Rows, determinant: F64) -> Vector:
     """
     a, b, c = adjugate
     n = a[0] + b[0] + c[0], a[1] + b[1] + c[1], a[2] + b[2] + c[2]
-    length = np.sqrt(_dot(n, n))
+    length = np.sqrt(dot(n, n))
     if not length > 0.0:
         return _TOWARDS_CAMERA
     scale = 1.0 / length if determinant <= 0.0 else -1.0 / length
-    return n[0] * scale, n[1] * scale, n[2] * scale
+    return times(n, scale)
 
 
 @inlined
@@ -182,13 +170,13 @@ def _smooth_normal(adjugate: _Rows, corner_normals: _Rows, ray: Vector, flat_nor
     """Return the interpolated unit normal where a ray (x, y, 1) meets a triangle; ``flat_normal`` if there is none."""
     barycentric, (n0, n1, n2) = _times(adjugate, ray), corner_normals
     n = (
-        _dot(barycentric, (n0[0], n1[0], n2[0])),
-        _dot(barycentric, (n0[1], n1[1], n2[1])),
-        _dot(barycentric, (n0[2], n1[2], n2[2])),
+        dot(barycentric, (n0[0], n1[0], n2[0])),
+        dot(barycentric, (n0[1], n1[1], n2[1])),
+        dot(barycentric, (n0[2], n1[2], n2[2])),
     )
-    length = np.sqrt(_dot(n, n))
+    length = np.sqrt(dot(n, n))
     if not (length > 0.0 and length < np.inf):
         return flat_normal
     # Facing the camera, as the geometric normal does; a mirrored frame negates the adjugate and the normals.
-    scale = 1.0 / length if _dot(n, flat_normal) >= 0.0 else -1.0 / length
-    return n[0] * scale, n[1] * scale, n[2] * scale
+    scale = 1.0 / length if dot(n, flat_normal) >= 0.0 else -1.0 / length
+    return times(n, scale)

@@ -18,6 +18,7 @@ from renderers.raster.layout import (
     Chunk,
     Draw,
     RasterFrame,
+    draw_of,
 )
 from renderers.raster.primitive_setup import set_up_line, set_up_point
 from renderers.raster.triangle_setup import set_up_triangles
@@ -41,20 +42,6 @@ def _begin_chunk(frame: RasterFrame, index: I64) -> Chunk:
 
 
 @device_function
-def _draw_index_of_primitive(frame: RasterFrame, frame_primitive: I64) -> I64:
-    """Return the index of a primitive's draw: the last one with ``first_frame_primitive <= frame_primitive``."""
-    low = 0
-    high = frame.draw_count
-    while high - low > 1:
-        middle = (low + high) >> 1
-        if frame.draws[middle].first_frame_primitive <= frame_primitive:
-            low = middle
-        else:
-            high = middle
-    return low
-
-
-@device_function
 def _set_up_line_or_point(frame: RasterFrame, draw: Draw, primitive_in_mesh: I64, chunk: Chunk) -> None:
     """Set up a line or a point, and append it to a Chunk if it may be visible."""
     primitive = chunk.primitives[chunk.primitive_count]  # append_primitive keeps it only if it touches a bin
@@ -69,7 +56,7 @@ def _set_up_line_or_point(frame: RasterFrame, draw: Draw, primitive_in_mesh: I64
 @inlined
 def _set_up_primitives(frame: RasterFrame, chunk: Chunk, begin: I64, end: I64) -> None:
     """Set up primitives, and append what may be visible to a Chunk; ``begin``, ``end``: range of drawn indices."""
-    draw_index = _draw_index_of_primitive(frame, begin)
+    draw_index = draw_of(frame, begin, False)
     draw_begin = begin
     while draw_begin < end:
         draw = frame.draws[draw_index]

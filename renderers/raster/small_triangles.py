@@ -32,6 +32,7 @@ from renderers.compiler.pointers import address, i32_at
 from renderers.compiler.simd import F32x8, F32x8x2, F32x8x3, I32x8, I32x8x2
 from renderers.compiler.structs import Struct, inline
 from renderers.raster.depth_test import depth_test
+from renderers.raster.grid import box_of
 from renderers.raster.layout import (
     MAX_SMALL_WIDTH,
     SMALL_FIELD_INDEX,
@@ -39,7 +40,6 @@ from renderers.raster.layout import (
     Layer,
     RasterFrame,
     SmallTriangle,
-    box_of,
 )
 from renderers.visibility_buffer import BAND_ROWS
 
@@ -94,9 +94,9 @@ def find_small_spans(
 ) -> None:
     """Find the spans and blocks of a triangle in at most BAND_ROWS rows of the image, for ``draw_small``."""
     # The box, cut to band and image.
-    box_left, box_top, box_column_count, box_row_count = box_of(triangle)
-    top, bottom = max(box_top, first_row), min(box_top + box_row_count, end_row)
-    left, right = max(box_left, i64(0)), min(box_left + box_column_count, frame.width)
+    box_left, box_top, box_right, box_bottom = box_of(triangle)
+    top, bottom = max(box_top, first_row), min(box_bottom, end_row)
+    left, right = max(box_left, i64(0)), min(box_right, frame.width)
     # Aligned, so that a load overlaps exactly one earlier store (store forwarding), and no vector crosses a cache line.
     aligned_left = left & ~i64(vec.LANES - 1)
     aligned_left_in_box = aligned_left - box_left

@@ -31,11 +31,9 @@ def is_tiny(frame: RasterFrame, box: Box[I32x8]) -> Mask8:
 
 @inlined
 def rasterize_tiny(frame: RasterFrame, triangles: EightTriangles, tiny: Mask8, kept_back: Mask8, chunk: Chunk) -> None:
-    """Append the pixels of tiny triangles, at most TINY_SIDE x TINY_SIDE of each, to a Chunk.
+    """Append the pixels of the triangles ``tiny``, at most TINY_SIDE x TINY_SIDE of each, to a Chunk.
 
-    Args:
-        tiny: the triangles to draw.
-        kept_back: those that are culled but kept: their pixels get KEPT_BACK_BIT.
+    Pixels of those that are culled but kept, ``kept_back``, get KEPT_BACK_BIT.
     """
     ids, box, edges, plane = triangles
     first_pixel = box.top * vec.i32(frame.stride) + box.left
@@ -66,9 +64,6 @@ def _append_pixels(chunk: Chunk, count: I64, covered: Mask8, pixels: I32x8, inv_
     """Append one pixel of each covered triangle to a Chunk that has ``count``; return the new ``count``.
 
     Without a branch, since coverage cannot be predicted. Up to seven values beyond the last are overwritten.
-
-    Args:
-        pixels: as Chunk.fragment_pixels.
     """
     vec.store(chunk.fragment_pixels, count, vec.compress(covered, pixels))
     vec.store(chunk.fragment_inv_z, count, vec.compress(covered, inv_z))

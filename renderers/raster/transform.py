@@ -11,7 +11,7 @@ from renderers.compiler.kernel_calls import is_set
 from renderers.compiler.kernel_types import F32, F64, I64, Address, Pointer, f32
 from renderers.compiler.pointers import advance, stack_array
 from renderers.compiler.simd import F64x8
-from renderers.raster.layout import BEFORE_NEAR_PLANE, GUARD_BAND, OUTSIDE_GUARD_BAND, RasterFrame
+from renderers.raster.layout import BEFORE_NEAR_PLANE, GUARD_BAND, OUTSIDE_GUARD_BAND, RasterFrame, draw_of
 
 _VERTICES_PER_STOP_CHECK: Final = 1 << 18
 """Vertices between two checks of the stop flag: about a millisecond."""
@@ -20,32 +20,10 @@ _position_array = stack_array(F32, 3 * vec.LANES)
 _vertex_array = stack_array(F32, 4 * vec.LANES)
 
 
-@device_function
-def _draw_index_of_vertex(frame: RasterFrame, vertex: I64) -> I64:
-    """Return the index of the draw that a vertex belongs to: the last one with ``first_vertex <= vertex``.
-
-    Args:
-        vertex: index among the vertices of all draws.
-    """
-    low = 0
-    high = frame.draw_count
-    while high - low > 1:
-        middle = (low + high) >> 1
-        if frame.draws[middle].first_vertex <= vertex:
-            low = middle
-        else:
-            high = middle
-    return low
-
-
 @inlined
 def _affine_row(row: Pointer[F64], x: F64x8, y: F64x8, z: F64x8) -> F64x8:
-    """Return a coordinate of eight transformed points.
-
-    Args:
-        row: pointer to a row of an affine transform; the last is the translation.
-        x, y, z: the points.
-    """
+    """Return a coordinate of eight points, transformed by a row of an affine matrix, whose last value is the
+    translation."""
     return vec.f64(row[0]) * x + vec.f64(row[1]) * y + vec.f64(row[2]) * z + vec.f64(row[3])
 
 
@@ -53,13 +31,7 @@ def _affine_row(row: Pointer[F64], x: F64x8, y: F64x8, z: F64x8) -> F64x8:
 def _transform_eight(
     frame: RasterFrame, X_camera_mesh: Pointer[F64], positions: Pointer[F32], out: Pointer[F32]
 ) -> None:
-    """Transform eight vertices.
-
-    Args:
-        X_camera_mesh: pointer to its first three rows, (3, 4).
-        positions: (8, 3), metres in the mesh's frame.
-        out: (8, 4): x, y (pixels), 1/z (1/m), unused.
-    """
+    """Transform eight vertices, (8, 3), metres, to (8, 4): x and y in pixels, 1/z, unused."""
     # load_third(p, i, k): every third value from p[i] on, its k-th of three.
     px = vec.to_f64(vec.load_third(positions, 0, 0))
     py = vec.to_f64(vec.load_third(positions, 0, 1))
@@ -82,7 +54,7 @@ def _transform_eight(
 def _transform(
     frame: RasterFrame, X_camera_mesh: Pointer[F64], positions: Pointer[F32], count: I64, out: Pointer[F32]
 ) -> None:
-    """Transform ``count`` vertices; ``X_camera_mesh``, ``positions`` and ``out`` as for ``_transform_eight``."""
+    """Transform ``count`` vertices as ``_transform_eight``."""
     whole = count - count % vec.LANES
     for k in range(0, whole, vec.LANES):
         _transform_eight(frame, X_camera_mesh, advance(positions, 3 * k), advance(out, 4 * k))
@@ -99,7 +71,7 @@ def _transform(
 def transform(frame_address: Address, begin: I64, end: I64) -> None:
     """Compute pixel coordinates and 1/z of the vertices ``begin .. end`` among those of all draws."""
     frame = RasterFrame(frame_address)
-    draw_index = _draw_index_of_vertex(frame, begin)
+    draw_index = draw_of(frame, begin, True)
     first = begin
     while first < end and not is_set(frame.stop):
         draw = frame.draws[draw_index]

@@ -68,13 +68,7 @@ class EightTriangles(NamedTuple):
 
 @inlined
 def load_triangles(draw: Draw, first: I64, count: I64, vertices: Pointer[F32]) -> Corners:
-    """Return the corners of eight triangles.
-
-    Args:
-        first: index of the first triangle in its mesh.
-        count: number of triangles; the lanes beyond them repeat the last one, since there may be no more indices.
-        vertices: pointer to the draw's vertices, (n, 4) as in RasterFrame.
-    """
+    """Return the corners of ``count`` triangles from the mesh's ``first`` on; further lanes repeat the last one."""
     indices = advance(draw.indices, _CORNERS * first)
     if count < vec.LANES:
         padded = as_u32(_index_array())
@@ -109,11 +103,7 @@ def snap_to_grid_3(a: F32x8x3) -> I32x8x3:
 
 @inlined
 def bounding_box(gx: I32x8x3, gy: I32x8x3, reach: I64) -> Box[I32x8]:
-    """Return the Box of corners on the grid; perhaps off the image.
-
-    Args:
-        reach: as RasterFrame.sample_reach.
-    """
+    """Return the Box of corners on the grid, perhaps off the image; ``reach``: as RasterFrame.sample_reach."""
     subpixel_bits = vec.i32(SUBPIXEL_BITS)
     # Same rule as grid.pixel_box: left = first_center(minimum - reach), right = first_center(maximum + reach), where
     # first_center(value) = (value + SUBPIXEL - 1 - HALF_PIXEL) >> SUBPIXEL_BITS is the first centre at or after value.

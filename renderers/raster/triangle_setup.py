@@ -20,7 +20,7 @@ from renderers.compiler.kernel_types import F32, I32, I64, Pointer, i64
 from renderers.compiler.pointers import address, i32_at, stack_array
 from renderers.compiler.simd import F32x8x3, I32x8, I32x8x3, Mask8
 from renderers.raster.chunks import append_primitive, bin_range
-from renderers.raster.grid import Box
+from renderers.raster.grid import Box, box_of
 from renderers.raster.layout import (
     BEFORE_NEAR_PLANE,
     KIND_SMALL,
@@ -32,7 +32,6 @@ from renderers.raster.layout import (
     Chunk,
     RasterFrame,
     SmallTriangle,
-    box_of,
     vertex_of,
 )
 from renderers.raster.primitive_setup import set_up_general_triangle
@@ -211,9 +210,9 @@ def _append_primitives(
             words = i32_at(address(primitive))  # one by one: often few are kept, so that a transpose would not pay
             for field in range(SMALL_FIELD_COUNT):
                 words[field] = small_fields[vec.LANES * field + lane]
-            _, top, _, row_count = box_of(SmallTriangle(address(primitive)))
+            _, top, _, bottom = box_of(SmallTriangle(address(primitive)))
             base_bin = frame.first_back_bin if bit & bits.culled else 0
-            first_bin, last_bin = bin_range(max(top, 0), min(top + row_count, frame.height), base_bin)
+            first_bin, last_bin = bin_range(max(top, 0), min(bottom, frame.height), base_bin)
         else:
             first_bin, last_bin = set_up_general_triangle(frame, draw_index, first_triangle + lane, primitive)
             primitive.id = frame.draws[draw_index].first_id + first_triangle + lane

@@ -20,6 +20,7 @@ from renderers.compiler.jit import kernel
 from renderers.compiler.kernel_calls import is_set
 from renderers.compiler.kernel_types import F64, I64, U64, Address, Array1, Array2, u64
 from renderers.drawlist import Mesh, Topology
+from renderers.shading.vec3 import dot, minus, times
 from renderers.stop import current_stop
 
 _BLOCK: Final = 1 << 14
@@ -84,9 +85,9 @@ def corner_tangents(
     """Return the unit tangent and the bitangent's handedness at every corner of every triangle, (3 M, 4) float32.
 
     Args:
-        positions, normals: (N, 3) float32.
-        uv: (N, 2) float32, v downwards as in glTF.
-        triangles: (M, 3) uint32.
+        positions, normals: (N, 3).
+        uv: (N, 2), v downwards as in glTF.
+        triangles: (M, 3).
 
     Raises:
         Exception: the current ``StopFlag`` was set.
@@ -127,13 +128,7 @@ def _hash(value: U64) -> U64:
 def _find_equal_rows(
     rows: Array2[np.int64], first_equal: Array1[np.int64], table: Array1[np.int64], stop_address: Address
 ) -> None:
-    """Find the first equal row for every row.
-
-    Args:
-        first_equal: (rows,), filled with the index of the first equal row.
-        table: see ``_hash_table``.
-        stop_address: address of a ``StopFlag``; the result is undefined once it is set.
-    """
+    """Fill ``first_equal`` with the index of the first equal row for every row; ``table``: a ``_hash_table``."""
     mask = u64(table.shape[0] - 1)
     for k in range(rows.shape[0]):
         if k % _BLOCK == 0 and is_set(stop_address):
@@ -274,8 +269,6 @@ def _compute_tangents(
         p, n, uv: positions (N, 3), normals (N, 3) and texture coordinates (N, 2) of the vertices.
         corner_vertex: (3 M,) vertex of each corner.
         welded: as in ``_group_corners``.
-        table: see ``_hash_table``.
-        stop_address: address of a ``StopFlag``; the result is undefined once it is set.
     """
     corner_count = corner_vertex.shape[0]
     face_tangents, handedness = np.zeros((corner_count // 3, 3)), np.zeros(corner_count // 3, np.int8)
@@ -295,29 +288,32 @@ def _compute_tangents(
             group_handedness[group] = handedness[face]
         vertex, next_corner = corner_vertex[corner], _next_corner(corner)
         after, before = corner_vertex[next_corner], corner_vertex[_next_corner(next_corner)]
-        nx, ny, nz = n[vertex, 0], n[vertex, 1], n[vertex, 2]
-        x, y, z = p[vertex, 0], p[vertex, 1], p[vertex, 2]
-        t = _in_plane(nx, ny, nz, face_tangents[face, 0], face_tangents[face, 1], face_tangents[face, 2])
-        a = _in_plane(nx, ny, nz, p[after, 0] - x, p[after, 1] - y, p[after, 2] - z)
-        b = _in_plane(nx, ny, nz, p[before, 0] - x, p[before, 1] - y, p[before, 2] - z)
-        angle = math.acos(min(max(a[0] * b[0] + a[1] * b[1] + a[2] * b[2], -1.0), 1.0))
+        normal, point = _row(n, vertex), _row(p, vertex)
+        t = _in_plane(normal, _row(face_tangents, face))
+        a, b = _in_plane(normal, minus(_row(p, after), point)), _in_plane(normal, minus(_row(p, before), point))
+        angle = math.acos(min(max(dot(a, b), -1.0), 1.0))
         for c in range(3):
             group_sum[group, c] += angle * t[c]
     for corner in range(corner_count):
         group = _find_group(parent, corner)
-        x, y, z = group_sum[group, 0], group_sum[group, 1], group_sum[group, 2]
-        length = math.sqrt(x * x + y * y + z * z)
+        x, y, z = total = _row(group_sum, group)
+        length = math.sqrt(dot(total, total))
         if length > 0.0:
             tangents[corner, 0], tangents[corner, 1], tangents[corner, 2] = x / length, y / length, z / length
         tangents[corner, 3] = -1.0 if group_handedness[group] < 0 else 1.0
 
 
+@inlined
+def _row(vectors: Array2[np.float64], k: I64) -> tuple[F64, F64, F64]:
+    """Return vector ``k`` of (N, 3)."""
+    return vectors[k, 0], vectors[k, 1], vectors[k, 2]
+
+
 @device_function
-def _in_plane(nx: F64, ny: F64, nz: F64, x: F64, y: F64, z: F64) -> tuple[F64, F64, F64]:
+def _in_plane(normal: tuple[F64, F64, F64], v: tuple[F64, F64, F64]) -> tuple[F64, F64, F64]:
     """Return the unit vector along a vector's projection into the plane of a normal; 0 if the projection is 0."""
-    d = nx * x + ny * y + nz * z
-    x, y, z = x - d * nx, y - d * ny, z - d * nz
-    length = math.sqrt(x * x + y * y + z * z)
+    x, y, z = v = minus(v, times(normal, dot(normal, v)))
+    length = math.sqrt(dot(v, v))
     if not (length > 0.0):
         return 0.0, 0.0, 0.0
     return x / length, y / length, z / length

@@ -11,10 +11,9 @@ from numpy.typing import NDArray
 
 from renderers.camera import Camera
 from renderers.color import LINEAR_FROM_BYTE
-from renderers.compiler.device_function import inlined
 from renderers.compiler.jit import kernel
 from renderers.compiler.kernel_calls import kernel_address
-from renderers.compiler.kernel_types import F64, I64, Address, Pointer
+from renderers.compiler.kernel_types import I64, Address
 from renderers.compiler.pointers import address_of, advance, f64_at
 from renderers.drawlist import AlphaMode, Instance, Material, Mesh, Topology
 from renderers.interface import VTK_LOOKS, LookName, Parallel
@@ -27,6 +26,7 @@ from renderers.shading.span_setup import set_up_part_kernel
 from renderers.shading.spans import SPAN_INDEX_OF_START_BITS
 from renderers.shading.texture_table import TextureTable
 from renderers.shading.textures import texels_of
+from renderers.shading.vec3 import cofactor, determinant
 from renderers.stop import check_stop
 
 
@@ -93,10 +93,8 @@ def _has_alpha(material: Material) -> bool:
 
 
 def prepare(instances: Sequence[Instance], look: LookName, parallel: Parallel | None = None) -> ShadingScene:
-    """Return the tables of a draw list's instances, in their order. Decodes the images that the look needs.
-
-    Args:
-        parallel: decodes several images at a time; None: one after the other.
+    """Return the tables of a draw list's instances, in their order. Decodes the images that the look needs, in
+    parallel.
 
     Raises:
         ImageError: an image cannot be decoded.
@@ -166,16 +164,10 @@ class ShadingJob:
         reads_positions: bool = False,
         reads_flat_normals: bool = False,
     ) -> None:
-        """
-        Args:
-            first_ids, X_camera_mesh: addresses of the arrays of these names in ``Visibility``.
-            area_filter: as in ``Look``.
-            reads_positions, reads_flat_normals: as in ShadingInputs.
-        """
+        """Args: first_ids, X_camera_mesh: addresses of the arrays of these names in ``Visibility``."""
         count = len(shading.transparent)
         matrices, job = np.empty(len(shading.instances), InstanceMatrices.dtype), np.empty(1, ShadingInputs.dtype)
         matrices_address = address_of(matrices, InstanceMatrices.dtype)
-        # As an int: with a bool, the first call would compile the kernel for another signature.
         compute_instance_matrices(X_camera_mesh, matrices_address, count, int(shading.look in VTK_LOOKS))
         job[0] = ShadingInputs.record(
             instance_count=count,
@@ -202,13 +194,11 @@ class ShadingJob:
 def compute_instance_matrices(
     X_camera_mesh_address: Address, matrices_address: Address, count: I64, inverts_mirrored: I64
 ) -> None:
-    """Fill InstanceMatrices, each matrix up to a positive factor.
+    """Fill ``count`` InstanceMatrices, each matrix up to a positive factor.
 
     The matrix of normals is the inverse transpose, as a matrix of cofactors: it is defined for scales of 0, too.
 
     Args:
-        X_camera_mesh_address: address of (count, 4, 4) float64.
-        matrices_address: address of (count,) InstanceMatrices.
         inverts_mirrored: not 0: invert the normals of mirrored instances, so that no light reaches them. VTK treats
             their front faces as back faces.
     """
@@ -218,27 +208,14 @@ def compute_instance_matrices(
         max_cofactor, max_value = 0.0, 0.0
         for row in range(3):
             for column in range(3):
-                max_cofactor = max(max_cofactor, abs(_cofactor(X, row, column)))
+                max_cofactor = max(max_cofactor, abs(cofactor(X, row, column)))
                 max_value = max(max_value, abs(X[4 * row + column]))
-        determinant = (
-            X[0] * (X[5] * X[10] - X[6] * X[9])
-            - X[1] * (X[4] * X[10] - X[6] * X[8])
-            + X[2] * (X[4] * X[9] - X[5] * X[8])
-        )
-        mirror_sign = -1.0 if determinant < 0.0 else 1.0
+        mirror_sign = -1.0 if determinant(X) < 0.0 else 1.0
         matrices.mirror_sign = 1.0 if inverts_mirrored != 0 else mirror_sign
         # cofactor(A) = det(A) A^-T: remove the determinant's sign (mirrored instances) and its magnitude.
         scale = mirror_sign / max_cofactor if max_cofactor > 0.0 else mirror_sign
         for row in range(3):
             for column in range(3):
-                matrices.normal[3 * row + column] = _cofactor(X, row, column) * scale
+                matrices.normal[3 * row + column] = cofactor(X, row, column) * scale
                 value = X[4 * row + column]
                 matrices.tangent[3 * row + column] = value / max_value if max_value > 0.0 else 0.0
-
-
-@inlined
-def _cofactor(X: Pointer[F64], row: I64, column: I64) -> F64:
-    """Return a cofactor of the upper left (3, 3) block of a (4, 4) matrix (a pointer to float64)."""
-    row1, row2 = 4 * ((row + 1) % 3), 4 * ((row + 2) % 3)
-    column1, column2 = (column + 1) % 3, (column + 2) % 3
-    return X[row1 + column1] * X[row2 + column2] - X[row1 + column2] * X[row2 + column1]

@@ -1,4 +1,4 @@
-"""Arithmetic of 3-vectors in shading kernels. Each of the three components is a SIMD vector or a scalar."""
+"""Arithmetic of 3-vectors, whose components are SIMD vectors or scalars, and of matrices."""
 
 from __future__ import annotations
 
@@ -7,8 +7,10 @@ from typing import TypeVar
 from renderers.compiler import simd as vec
 from renderers.compiler.device_function import inlined
 from renderers.compiler.kernel_types import F32, F64, I64, Number, Pointer
-from renderers.compiler.simd import F32x8, F32x8x3, F32x8x4, F32x8x8, F64x8x3, Lanes, Mask8
+from renderers.compiler.simd import F32x8, F32x8x3, F32x8x4, F32x8x8, F64x8, F64x8x3, I32x8, Lanes, Mask8
 
+Component = TypeVar("Component", F32x8, F64x8, I32x8, F64)
+Vector = tuple[Component, Component, Component]
 Rows = TypeVar("Rows", F32x8x3, F32x8x4)
 
 
@@ -19,19 +21,19 @@ def saturate(c: F32x8) -> F32x8:
 
 
 @inlined
-def cross(a: tuple[Lanes, Lanes, Lanes], b: tuple[Lanes, Lanes, Lanes]) -> tuple[Lanes, Lanes, Lanes]:
+def cross(a: Vector[Component], b: Vector[Component]) -> Vector[Component]:
     """Return a x b."""
     return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
 
 
 @inlined
-def minus(a: tuple[Lanes, Lanes, Lanes], b: tuple[Lanes, Lanes, Lanes]) -> tuple[Lanes, Lanes, Lanes]:
+def minus(a: Vector[Component], b: Vector[Component]) -> Vector[Component]:
     """Return a - b."""
     return a[0] - b[0], a[1] - b[1], a[2] - b[2]
 
 
 @inlined
-def times(a: tuple[Lanes, Lanes, Lanes], scale: Lanes) -> tuple[Lanes, Lanes, Lanes]:
+def times(a: Vector[Component], scale: Component) -> Vector[Component]:
     """Return a times one factor."""
     return a[0] * scale, a[1] * scale, a[2] * scale
 
@@ -43,7 +45,7 @@ def multiply3(a: F32x8x3, b: F32x8x3) -> F32x8x3:
 
 
 @inlined
-def dot(a: tuple[Lanes, Lanes, Lanes], b: tuple[Lanes, Lanes, Lanes]) -> Lanes:
+def dot(a: Vector[Component], b: Vector[Component]) -> Component:
     """Return a . b."""
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 
@@ -106,3 +108,17 @@ def store3(rows: Pointer[F32], k: I64, stride: I64, values: Rows) -> None:
     vec.store(rows, k, values[0])
     vec.store(rows, k + stride, values[1])
     vec.store(rows, k + 2 * stride, values[2])
+
+
+@inlined
+def cofactor(X: Pointer[F64], row: I64, column: I64) -> F64:
+    """Return a cofactor of the upper left (3, 3) of a (4, 4) matrix."""
+    row1, row2 = 4 * ((row + 1) % 3), 4 * ((row + 2) % 3)
+    column1, column2 = (column + 1) % 3, (column + 2) % 3
+    return X[row1 + column1] * X[row2 + column2] - X[row1 + column2] * X[row2 + column1]
+
+
+@inlined
+def determinant(X: Pointer[F64]) -> F64:
+    """Return the determinant of the upper left (3, 3) of a (4, 4) matrix."""
+    return X[0] * cofactor(X, 0, 0) + X[1] * cofactor(X, 0, 1) + X[2] * cofactor(X, 0, 2)

@@ -143,9 +143,6 @@ def draw_sample_rows(frame: RasterFrame, band: SampleBand, first_row: I64, end_r
 
     Then ``owners`` has -1 where a pixel sees nothing, MIXED where its samples have ids of their own, in ``sample_ids``
     from eight times ``slots`` on, and otherwise ``ids`` has the pixel's primitive id.
-
-    Args:
-        band: the thread's SampleBand.
     """
     band_index = first_row // BAND_ROWS
     band.first_row = first_row

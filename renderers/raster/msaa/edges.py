@@ -7,6 +7,8 @@ at silhouettes, creases and seams.
 
 from __future__ import annotations
 
+from typing import Final
+
 from renderers.compiler import simd as vec
 from renderers.compiler.device_function import device_function, inlined
 from renderers.compiler.jit import kernel
@@ -21,6 +23,8 @@ from renderers.raster.msaa.coverage import draw_sample_rows
 from renderers.raster.msaa.edge_merge import InstanceCache, share_smooth_edge
 from renderers.raster.msaa.storage import MIXED
 from renderers.shading.headlight.layout import HeadlightInputs
+
+_JOB_WORDS: Final = HeadlightInputs.nbytes // 8
 
 
 class _SampleGroups(Struct):
@@ -48,8 +52,7 @@ def _group_samples(
 ) -> tuple[I64, I64]:
     """Fill a _SampleGroups with the primitives that a pixel's samples see, in the order of the samples.
 
-    Returns:
-        Number of primitives, and of samples that see nothing; int64.
+    Return the number of primitives, and of samples that see nothing.
     """
     vec.store(groups.sample_ids, 0, sample_ids)
     pending, count, background = i64(255), 0, 0
@@ -75,12 +78,7 @@ def _group_samples(
 
 @inlined
 def _most_seen_of(groups: _SampleGroups, group: I64, count: I64) -> I64:
-    """Return the index of the primitive of a group that most samples see, the first of several.
-
-    Args:
-        groups: a _SampleGroups of ``count`` primitives.
-        group: index of the group's first primitive.
-    """
+    """Return which of ``count`` primitives most samples of a group see, the first of several."""
     most_seen = group
     for k in range(group + 1, count):
         if groups.groups[k] == group and groups.counts[k] > groups.counts[most_seen]:
@@ -100,11 +98,8 @@ def _mix_pixel(
 ) -> tuple[I64, I64, I64]:
     """Append the entries of a pixel whose samples see any number of primitives.
 
-    Args:
-        groups: a _SampleGroups of scratch.
-
-    Returns:
-        The primitive id that is shaded for the pixel, the number of samples that it has, and of those that see nothing.
+    Return the primitive id that is shaded for the pixel, the number of samples that it has, and of those that see
+    nothing.
     """
     count, background = _group_samples(frame, sample_ids, groups, cache)
     if count == 0:
@@ -123,12 +118,7 @@ def _mix_pixel(
 
 @device_function
 def _find_entries(frame: RasterFrame, band: SampleBand, row_count: I64, columns: Pointer[I32]) -> None:
-    """Fill a SampleBand's ids, entries and mixed pixels.
-
-    Args:
-        row_count: number of rows.
-        columns: pointer to stride + 8 int32 of scratch.
-    """
+    """Fill a SampleBand's ids, entries and mixed pixels; ``columns``: stride + 8 values of scratch."""
     stride = frame.stride
     groups, cache = _SampleGroups(), InstanceCache()
     cache.first_id = cache.end_id = cache.indices = 0
@@ -151,12 +141,7 @@ def _find_entries(frame: RasterFrame, band: SampleBand, row_count: I64, columns:
 def _find_mixed(frame: RasterFrame, owners: Pointer[I32], ids: Pointer[I32], columns: Pointer[I32]) -> I64:
     """Write the columns of a row's MIXED pixels, and -1 to the ids of its other pixels without an owner.
 
-    Args:
-        owners, ids: pointers to the row's.
-        columns: pointer to stride + 8 int32.
-
-    Returns:
-        Number of the columns.
+    Return the number of columns, for which there is room of stride + 8.
     """
     count = i64(0)
     for column in range(0, frame.width, vec.LANES):
@@ -199,8 +184,7 @@ def _mix_colors(
     """Mix the colours of a band's pixels at edges.
 
     Args:
-        band: a SampleBand with shaded entries, in rows of ``color_stride`` colours.
-        width: pixels of a row of the image.
+        color_stride: shaded entries in a row of ``entry_colors``.
         background: red, green, blue, lowest byte first.
         color: (H, W, 3), which has the colours of the band's ids.
     """
@@ -231,32 +215,24 @@ def _mix_colors(
 
 
 @inlined
-def _fill_entry_job(
-    entry_job: HeadlightInputs, job: HeadlightInputs, band: SampleBand, first_row: I64, max_count: I64
+def _set_entry_job(
+    entry_job: HeadlightInputs, job: HeadlightInputs, band: SampleBand, first_row: I64, width: I64
 ) -> None:
-    """Fill a HeadlightInputs, ``entry_job``, that shades a band's entries into their own colours.
-
-    Args:
-        max_count: maximum number of entries of a row.
-    """
-    entry_job.shading, entry_job.mode, entry_job.background = job.shading, job.mode, job.background
-    entry_job.gathered, entry_job.height, entry_job.first_row = job.gathered, job.height, first_row
-    entry_job.gamma_cells, entry_job.gamma_from_linear = job.gamma_cells, job.gamma_from_linear
-    entry_job.width, entry_job.stride = max_count, band.max_entries
+    """Set ``entry_job`` to a job that shades a band's entries, at most ``width`` in a row, into their own colours."""
+    target, source = i64_at(address(entry_job)), i64_at(address(job))
+    for word in range(_JOB_WORDS):
+        target[word] = source[word]
+    entry_job.width, entry_job.stride, entry_job.first_row = width, band.max_entries, first_row
     entry_job.color, entry_job.columns = band.entry_colors, address(band.entry_columns)
     entry_job.counts = band.counts
-    entry_job.has_camera_light, entry_job.camera_light = job.has_camera_light, job.camera_light
-    entry_job.has_roots = 0
-    entry_job.lamp_share, entry_job.key_factor, entry_job.light = job.lamp_share, job.key_factor, job.light
 
 
 @kernel
 def shade_mixed(own_address: Address, band_address: Address, stride: I64, first_row: I64, end_row: I64) -> None:
     """Shade a band's pixels and its entries, and mix edge pixels as bytes, as VTK does.
 
-    Args:
-        own_address: address of 2 int64: the kernel ``headlight.shade_rows.shade_rows`` and the address of a
-            HeadlightInputs in the mode DIRECT.
+    ``own_address`` is that of two int64: the kernel ``shade_rows``, and the address of a HeadlightInputs in the mode
+    DIRECT.
     """
     shade_kernel, job_address = i64_at(own_address)[0], i64_at(own_address)[1]
     job, band = HeadlightInputs(job_address), SampleBand(band_address)
@@ -266,6 +242,6 @@ def shade_mixed(own_address: Address, band_address: Address, stride: I64, first_
         max_count = max(max_count, i64(band.counts[row]))
     if max_count > 0:
         entry_job = HeadlightInputs()
-        _fill_entry_job(entry_job, job, band, first_row, max_count)
+        _set_entry_job(entry_job, job, band, first_row, max_count)
         call_kernel(shade_kernel, (address(entry_job), address(band.entry_ids), first_row, end_row))
     _mix_colors(band, stride, job.width, first_row, end_row, job.background, job.color, max_count)

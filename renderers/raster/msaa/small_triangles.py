@@ -12,7 +12,8 @@ from renderers.compiler.kernel_types import F32, I32, I64, Pointer, f32, i64
 from renderers.compiler.simd import F32x8, F32x8x2, I32x8, I32x8x2, I32x8x3
 from renderers.compiler.structs import Struct, inline
 from renderers.msaa import SampleBand
-from renderers.raster.layout import MAX_SMALL_WIDTH, SUBPIXEL_BITS, RasterFrame, SmallTriangle, box_of
+from renderers.raster.grid import box_of
+from renderers.raster.layout import MAX_SMALL_WIDTH, SUBPIXEL_BITS, RasterFrame, SmallTriangle
 from renderers.raster.msaa.storage import max_inv_z_offset, merge_samples, merge_whole_pixels, sample_inv_z_offsets
 from renderers.visibility_buffer import BAND_ROWS
 
@@ -39,12 +40,11 @@ def _packed_in_box(row: I64, column: I64) -> I64:
 
 @inlined
 def _limit_rows(edge: I64, edge_dx: I64, edge_dy: I64, columns: I32x8, min_row: F32x8, max_row: F32x8) -> F32x8x2:
-    """Return the rows in which block columns, eight pixels wide, may be on the inner side of an edge: first and last.
+    """Return the first and last row, limited by ``min_row`` and ``max_row``, that may be on the inner side of an edge.
 
     Args:
-        edge, edge_dx, edge_dy: the edge function in row 0, grid units, and its changes per column and row.
-        columns: the first column of each block column.
-        min_row, max_row: the rows before the edge limits them.
+        edge, edge_dx, edge_dy: the edge function in row 0 and its changes per column and row.
+        columns: the first column of each block column, which is eight pixels wide.
     """
     # An edge function is greatest in a block's first or last column.
     block_max = vec.i32(edge + max(7 * edge_dx, 0)) + columns * vec.i32(edge_dx)
@@ -61,10 +61,7 @@ def _limit_rows(edge: I64, edge_dx: I64, edge_dy: I64, columns: I32x8, min_row: 
 def _is_hidden(far: Pointer[F32], stride: I64, left: I64, right: I64, top: I64, bottom: I64, inv_z_max: F32) -> bool:
     """Return whether all pixels of a box are nearer than a triangle with the greatest 1/z ``inv_z_max``.
 
-    Args:
-        far: pointer to SampleBand.far.
-        left, right: range of the box's columns.
-        top, bottom: range of its rows, counted from the band's first.
+    ``far`` is SampleBand.far. Rows are counted from the band's first.
     """
     limit, lane = vec.f32(inv_z_max), vec.iota()
     # The middle first: most visible triangles are visible there.
@@ -143,14 +140,9 @@ def _sample_edges(frame: RasterFrame, triangle: SmallTriangle, skipped_rows: I64
 
 @inlined
 def _limit_block_rows(edges: SampleEdges, columns: I32x8, rows: I64, is_wide: bool, scratch: SampleScratch) -> None:
-    """Store the rows that each of eight block columns may cover, in ``first_rows`` and ``last_rows``.
+    """Store which of ``rows`` rows each of eight block columns may cover, in ``first_rows`` and ``last_rows``.
 
     Half of the box of a wide triangle lies outside it. Other triangles have all rows.
-
-    Args:
-        columns: the first column of each block column, counted from the box's first.
-        rows: number of rows.
-        is_wide: whether the triangle is wide.
     """
     min_row, max_row = vec.f32(0.0), vec.f32(rows - 1)
     if is_wide:
@@ -176,18 +168,13 @@ def _draw_block(
     scratch: SampleScratch,
     count: I64,
 ) -> I64:
-    """Draw the whole pixels of a block column, and append its other pixels to ``edge_pixels`` of a SampleScratch.
+    """Draw the whole pixels of a block column, append its other pixels to ``count`` edge pixels, and return their
+    number.
 
     Args:
         top: first row that is drawn, to which ``edges.top`` belongs.
         start: first column of the block, which is a vector wide.
-        owner: index in RasterFrame.primitives.
-        max_offset: as from ``max_inv_z_offset``.
         block: index in ``first_rows`` and ``last_rows``.
-        count: number of edge pixels before.
-
-    Returns:
-        Number of edge pixels.
     """
     box_left, box_top, _, _ = box_of(triangle)
     stride, zero = frame.stride, vec.i32(0)
@@ -226,11 +213,7 @@ def _load_edge_pixels(
     batch: I64,
     scratch: SampleScratch,
 ) -> None:
-    """Store what belongs to eight edge pixels in the ``batch_`` fields of a SampleScratch.
-
-    Args:
-        batch: index of the first edge pixel.
-    """
+    """Fill the ``batch_`` fields of a SampleScratch for eight edge pixels, of which ``batch`` is the first."""
     box_left, box_top, _, _ = box_of(triangle)
     in_box = vec.load(scratch.edge_pixels, batch)  # as ``_packed_in_box``
     rows, columns = in_box >> vec.i32(8), (in_box & vec.i32(255)) - vec.i32(vec.LANES)
@@ -253,7 +236,7 @@ def _draw_edge_pixels(
     count: I64,
     scratch: SampleScratch,
 ) -> None:
-    """Draw the samples of the first ``count`` edge pixels in ``scratch``, a SampleScratch."""
+    """Draw the samples of the first ``count`` edge pixels."""
     inv_z_min, inv_z_max = vec.f32(triangle.inv_z_min), vec.f32(triangle.inv_z_max)
     inv_z_offsets = sample_inv_z_offsets(frame, triangle.inv_z_dx, triangle.inv_z_dy)
     edge_sum = vec.i32(edges.first[0] + edges.first[1] + edges.first[2])  # the same at all points
@@ -279,9 +262,9 @@ def draw_small_samples(
     scratch: SampleScratch,
 ) -> None:
     """Draw a SmallTriangle, eight pixels at a time; ``owner``: index in RasterFrame.primitives."""
-    box_left, box_top, box_columns, box_rows = box_of(triangle)
-    top, bottom = max(box_top, first_row), min(box_top + box_rows, end_row)
-    left, right = max(box_left, 0), min(box_left + box_columns, frame.width)
+    box_left, box_top, box_right, box_bottom = box_of(triangle)
+    top, bottom = max(box_top, first_row), min(box_bottom, end_row)
+    left, right = max(box_left, 0), min(box_right, frame.width)
     if _is_hidden(band.far, frame.stride, left, right, top - first_row, bottom - first_row, triangle.inv_z_max):
         return
     skipped_rows, rows = top - box_top, bottom - top

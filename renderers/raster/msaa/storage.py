@@ -17,7 +17,8 @@ from renderers.compiler.pointers import address, as_i32
 from renderers.compiler.simd import F32x8, I32x8, Mask8
 from renderers.msaa import SampleBand
 from renderers.raster.fill import inv_z_origin
-from renderers.raster.layout import KIND_SMALL, SUBPIXEL, Primitive, RasterFrame, SmallTriangle, box_of
+from renderers.raster.grid import box_of
+from renderers.raster.layout import KIND_SMALL, SUBPIXEL, Primitive, RasterFrame, SmallTriangle
 
 MIXED: Final = -2
 """Owner of a pixel whose samples have primitives of their own, in its slot."""
@@ -26,11 +27,7 @@ AnyPrimitive = TypeVar("AnyPrimitive", Primitive, SmallTriangle)
 
 @inlined
 def sample_inv_z_offsets(frame: RasterFrame, inv_z_dx: F64, inv_z_dy: F64) -> F32x8:
-    """Return 1/z at the samples minus 1/z at the pixel's centre.
-
-    Args:
-        inv_z_dx, inv_z_dy: change of 1/z per column and row, 1/m; of any float type.
-    """
+    """Return 1/z at the samples minus 1/z at the pixel's centre."""
     offsets, pixel = frame.sample_offsets, vec.f32(1.0 / SUBPIXEL)
     x, y = vec.to_f32(vec.load(offsets, 0)) * pixel, vec.to_f32(vec.load(offsets, vec.LANES)) * pixel
     return vec.f32(inv_z_dx) * x + vec.f32(inv_z_dy) * y
@@ -38,11 +35,7 @@ def sample_inv_z_offsets(frame: RasterFrame, inv_z_dx: F64, inv_z_dy: F64) -> F3
 
 @inlined
 def max_inv_z_offset(frame: RasterFrame, inv_z_dx: F64, inv_z_dy: F64) -> F32:
-    """Return an upper limit of the absolute values of ``sample_inv_z_offsets``; infinite if not finite.
-
-    Args:
-        inv_z_dx, inv_z_dy: as there.
-    """
+    """Return an upper limit of the absolute values of ``sample_inv_z_offsets``; infinite if not finite."""
     reach = f32(frame.sample_reach) * f32(1.0 / SUBPIXEL)
     # Rounded as the sums at the samples are, none of which is farther out.
     limit = abs(f32(inv_z_dx)) * reach + abs(f32(inv_z_dy)) * reach
@@ -60,19 +53,14 @@ def merge_whole_pixels(
     full: Mask8,
     touched: Mask8,
 ) -> I64:
-    """Draw a primitive into eight pixels, except for those whose samples must be tested one by one.
+    """Draw a primitive into eight pixels; return the mask of those whose samples must be tested one by one.
 
     It takes pixels that it covers wholly and in front of everything. Pixels in which it is hidden are skipped.
 
     Args:
-        pixel: index of the first pixel in the band.
         inv_z: 1/z at the centres before it is clamped to the primitive's range.
-        max_offset: as from ``max_inv_z_offset``.
-        owner: index of the primitive in RasterFrame.primitives.
+        max_offset: from ``max_inv_z_offset``.
         full, touched: pixels of which all samples are covered, and some may be.
-
-    Returns:
-        Mask of the pixels whose samples must be tested.
     """
     # NaN is never in front of everything; on the near side it counts as ``inv_z_min``, as for clamped samples.
     far = vec.minimum(vec.f32(primitive.inv_z_max), inv_z - max_offset)
@@ -90,13 +78,7 @@ def merge_whole_pixels(
 
 @device_function
 def _write_owner_samples(frame: RasterFrame, band: SampleBand, pixel: I64, first_sample: I64, owner: I64) -> None:
-    """Write the samples of a pixel's owner to the pixel's slot.
-
-    Args:
-        pixel: index of the pixel in the band.
-        first_sample: index of its first sample.
-        owner: index in RasterFrame.primitives of the primitive that all its samples see.
-    """
+    """Write the samples of a pixel's owner to the pixel's slot, from ``first_sample`` on."""
     row = pixel // frame.stride
     x, y = pixel - row * frame.stride, band.first_row + row
     primitive = frame.primitives[owner]
@@ -120,8 +102,7 @@ def _write_owner_samples(frame: RasterFrame, band: SampleBand, pixel: I64, first
 def _open_slot(frame: RasterFrame, band: SampleBand, slot_count: I64, pixel: I64) -> tuple[I64, I64, I64]:
     """Give a pixel a slot if it has none, and make it MIXED.
 
-    Returns:
-        Index of the pixel's first sample, its owner before, and the new ``slot_count``.
+    Return the index of the pixel's first sample, its owner before, and the new ``slot_count``.
     """
     slot = i64(band.slots[pixel])
     is_new = slot < 0
@@ -138,17 +119,10 @@ def _open_slot(frame: RasterFrame, band: SampleBand, slot_count: I64, pixel: I64
 def merge_samples(
     frame: RasterFrame, band: SampleBand, slot_count: I64, pixel: I64, inv_z: F32x8, covered: Mask8, ids: I32x8
 ) -> I64:
-    """Write those of a pixel's covered samples that are not behind what is stored.
+    """Write those of a pixel's covered samples that are not behind what is stored; return the new number of slots in
+    use.
 
     Without a branch: which samples are, and whether the pixel was empty, cannot be predicted.
-
-    Args:
-        slot_count: number of slots in use.
-        pixel: index of the pixel in the band.
-        inv_z, covered, ids: of its samples.
-
-    Returns:
-        The new ``slot_count``.
     """
     first, owner, slot_count = _open_slot(frame, band, slot_count, pixel)
     # An empty pixel's far limit is its 1/z.
