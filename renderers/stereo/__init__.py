@@ -9,5 +9,13 @@ Rooms:
   ``match_confidence``). ``filters`` is the device's post-processing.
 * ``mesh``: triangle meshes from depth images.
 
-Formulas are those of the rc_visard's manual unless a docstring says otherwise.
+Formulas are those of the rc_visard's manual unless a docstring says otherwise. Where nothing else is said,
+
+* images are (H, W). Disparities are pixels, or as uint16 units of 1/16 pixel; 0: unknown. Depths are metres along the
+  optical axis, +inf: background. Grey images of uint16, which are rectified, have units of 1/16 level;
+* ``focal_length``, ``cx`` and ``cy`` are the focal length and the principal point, pixels from the left and top edge;
+  ``focal_times_baseline`` is a disparity times its depth, pixels times metres;
+* ``divisor`` is the width of the camera images divided by that of the images at hand, and ``noise_sigma`` the standard
+  deviation of their noise, grey levels, above 0;
+* kernels write their last arguments.
 """

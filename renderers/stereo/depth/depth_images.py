@@ -44,17 +44,10 @@ class DepthRange:
 def true_disparity(
     depth_left: NDArray[np.float32], depth_right: NDArray[np.float32], focal_times_baseline: float, limits: DepthRange
 ) -> NDArray[np.float32]:
-    """Return the disparity of every pixel of the left image that both cameras see.
+    """Return the disparity of every pixel of the left image that both cameras see, (H, W) float32, pixels.
 
-    Args:
-        depth_left: (H, W) float32 depth from the left camera, metres along the optical axis, +inf: background.
-        depth_right: (H, W) float32 depth from the right camera.
-        focal_times_baseline: focal length at this resolution times baseline, pixels times metres.
-        limits: range of measurable depths; other pixels get 0.
-
-    Returns:
-        (H, W) float32: ``focal_times_baseline / depth`` in pixels. 0: background, out of range, occluded in the right
-        image, or outside it (left edge of the field of view).
+    It is ``focal_times_baseline / depth``; 0: background, out of range, occluded in the right image, or outside it
+    (left edge of the field of view).
     """
     disparity = np.empty(depth_left.shape, np.float32)
     _true_disparity(depth_left, depth_right, focal_times_baseline, limits.min_depth, limits.max_depth, disparity)
@@ -91,11 +84,7 @@ def _true_disparity(
 
 
 def exact_images(true_disparity: NDArray[np.float32]) -> DepthImages:
-    """Return depth images with rounding to 1/16 pixel as the only error: the error is 1 unit, the confidence 1.
-
-    Args:
-        true_disparity: (H, W) float32, exact disparity in pixels, 0: not measurable.
-    """
+    """Return depth images with rounding to 1/16 pixel as the only error: the error is 1 unit, the confidence 1."""
     disparity = sixteenths(true_disparity)
     valid = disparity > 0
     return DepthImages(disparity, valid.astype(np.uint8), np.where(valid, np.uint8(255), np.uint8(0)))

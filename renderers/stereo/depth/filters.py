@@ -62,14 +62,7 @@ class Filters:
 
 
 def apply_filters(depth: DepthImages, filters: Filters, focal_times_baseline: float, divisor: int) -> None:
-    """Remove and fill pixels in place, in the device's order: confidence and range, segments, holes.
-
-    Args:
-        depth: images to change.
-        filters: the device's parameters.
-        focal_times_baseline: focal length at this resolution times baseline, pixels times metres.
-        divisor: width of the camera images divided by that of these images; converts ``seg``.
-    """
+    """Remove and fill pixels in place, in the device's order: confidence and range, segments, holes."""
     unit = DISPARITY_SCALE
     min_units = max(int(np.ceil(focal_times_baseline / filters.maxdepth / unit - 1e-9)), 1)
     max_units = min(int(np.floor(focal_times_baseline / filters.mindepth / unit + 1e-9)), _MAX_UNITS)
@@ -119,9 +112,7 @@ def _apply_limits(
 def fill_holes(depth: DepthImages, max_step: int) -> None:
     """Fill holes in place, the smallest first, up to ``FILL_SHARE`` of the pixels.
 
-    Args:
-        depth: images to change.
-        max_step: maximum difference of the disparities on a hole's border, pixels.
+    ``max_step`` is the maximum difference of the disparities on a hole's border, pixels.
     """
     disparity = depth.disparity
     runs = _connected_runs(disparity, _MAX_UNITS)
@@ -141,10 +132,7 @@ def _connected_runs(disparity: NDArray[np.uint16], max_step: int) -> NDArray[np.
     """Return the connected segments and holes of a disparity image as runs along rows, (N, 4) int32 in raster order.
 
     Columns are ``_ROW``, ``_START`` and ``_END`` of a run, and ``_FIRST``, the first run of its segment or hole.
-
-    Args:
-        disparity: (H, W) uint16, units of 1/16 pixel, 0: hole.
-        max_step: maximum disparity step between neighbours of one segment, units of 1/16 pixel.
+    Neighbours of one segment differ by at most ``max_step``, units of 1/16 pixel.
     """
     runs = np.empty((disparity.size, 4), np.int32)
     return runs[: _find_runs(disparity, max_step, runs)]
@@ -236,14 +224,9 @@ def _measure_holes(
     lowest: Array1[np.int32],
     highest: Array1[np.int32],
 ) -> None:
-    """Write the size of every hole, pixels, and the range of the disparities on its border, units of 1/16 pixel.
+    """Write the size of every hole, pixels, and the range of the disparities on its border, by first run.
 
-    Args:
-        runs: (N, 4), ``_connected_runs``.
-        disparity: (H, W), units of 1/16 pixel, 0: hole.
-        size: (N,), output by first run, initially 0.
-        lowest: (N,), output, initially above all disparities.
-        highest: (N,), output, initially -1.
+    ``size`` is 0 at first, ``lowest`` above all disparities, and ``highest`` -1.
     """
     height, width = disparity.shape
     for run in range(len(runs)):

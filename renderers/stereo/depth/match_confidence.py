@@ -115,15 +115,7 @@ def match_features(
     noise_sigma: float,
     divisor: int,
 ) -> NDArray[np.float32]:
-    """Return the ``FEATURES`` of each pixel, (9, H, W) float32; undefined where there is no match.
-
-    Args:
-        left: (H, W) uint16, rectified, units of 1/16 grey level.
-        right: (H, W) uint16, likewise.
-        disparity: (H, W) uint16, units of 1/16 pixel, 0: no match.
-        noise_sigma: standard deviation of the image noise, grey levels, above 0.
-        divisor: width of the camera images divided by that of these images.
-    """
+    """Return the ``FEATURES`` of each pixel, (9, H, W) float32; undefined where there is no match."""
     texture, texture_sigma = left, noise_sigma
     if divisor == 1:
         texture = np.asarray(cv2.blur(left, (_FULL_BLUR, _FULL_BLUR)), np.uint16)
@@ -164,12 +156,8 @@ def with_texture(disparity: NDArray[np.uint16], features: NDArray[np.float32]) -
 def error_and_confidence(
     features: NDArray[np.float32], disparity: NDArray[np.uint16]
 ) -> tuple[NDArray[np.uint8], NDArray[np.uint8]]:
-    """Return error, units of 1/16 pixel, and confidence, units of 1/255, (H, W) uint8 each; 0 where there is no match.
-
-    Args:
-        features: (9, H, W) float32, ``match_features``.
-        disparity: (H, W) uint16, 0: no match.
-    """
+    """Return error, units of 1/16 pixel, and confidence, units of 1/255, (H, W) uint8 each; 0 where there is no
+    match."""
     content = tables()
     error, confidence = np.empty(disparity.shape, np.uint8), np.empty(disparity.shape, np.uint8)
     _write_error(features, disparity, _ERROR_BORDERS, content.error, error)
@@ -206,15 +194,10 @@ def _gradients(
     squared: Array2[np.int32],
     even: Array2[np.int32],
 ) -> None:
-    """Write the differences of each pixel's right and left neighbours, 0 in the first and the last column.
+    """Write the differences of each pixel's right and left neighbours, 0 in the first and the last column, 1/16 level.
 
-    Args:
-        left: (H, W), units of 1/16 level.
-        even_limit: limit of ``even``.
-        gradient: (H, W), output, units of 1/16 level.
-        size: (H, W), output, absolute value.
-        squared: (H, W), output, square, at most ``_MAX_SQUARE``.
-        even: (H, W), output, square, at most ``even_limit``.
+    ``size`` is their absolute value, ``squared`` their square, at most ``_MAX_SQUARE``, ``even`` the same, at most
+    ``even_limit``.
     """
     height, width = left.shape
     for row in range(height):
@@ -231,14 +214,9 @@ def _gradients(
 def _compare(
     left: Array2[np.uint16], right: Array2[np.uint16], disparity: Array2[np.uint16], differences: Array3[np.int32]
 ) -> None:
-    """Write the squared differences of both images at each match and beside it.
+    """Write the squared differences of both images, ``without_local_mean``, at each match and beside it; 0: no match.
 
-    Args:
-        left: (H, W), ``without_local_mean``, units of 1/16 level.
-        right: (H, W), likewise.
-        disparity: (H, W), units of 1/16 pixel, 0: no match.
-        differences: (3, H, W), output: at the match, and at ``_STEP`` pixels less and more; 0 where there is no
-            match.
+    ``differences`` is (3, H, W): at the match, and at ``_STEP`` pixels less and more.
     """
     height, width = left.shape
     for row in range(height):
@@ -316,12 +294,11 @@ def _write_error(
     errors: Array3[np.uint8],
     error: Array2[np.uint8],
 ) -> None:
-    """Write the error of each match, 0 elsewhere, by the features and disparities of ``error_and_confidence``.
+    """Write the error of each match, 0 elsewhere.
 
     Args:
         borders: (3, 5), borders between the bins.
         errors: (6, 6, 6), error by the three bins.
-        error: (H, W), output.
     """
     height, width = disparity.shape
     for row in range(height):
@@ -344,14 +321,9 @@ def _write_confidence(
     confidences: Array1[np.uint8],
     confidence: Array2[np.uint8],
 ) -> None:
-    """Write the confidence of each match, 0 elsewhere, by the features and disparities of ``error_and_confidence``.
+    """Write the confidence of each match, 0 elsewhere, by the trees of ``Tables``.
 
-    Args:
-        tree_features: (T, ``TREE_DEPTH``), ``Tables.features``.
-        tree_borders: (T, ``TREE_DEPTH``), ``Tables.borders``.
-        weights: (T, 2 ** ``TREE_DEPTH``), ``Tables.weights``.
-        confidences: (2 ``_MAX_SUM`` + 1,), confidence of each sum of weights.
-        confidence: (H, W), output.
+    ``confidences`` is that of each sum of weights, (2 ``_MAX_SUM`` + 1,).
     """
     height, width = disparity.shape
     total, leaf = np.empty(width, np.int32), np.empty(width, np.int32)

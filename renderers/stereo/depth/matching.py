@@ -79,15 +79,9 @@ class ImagePair:
 
 
 def block_means(image: NDArray[Level], side: int, rows: int, columns: int) -> NDArray[Level]:
-    """Return the mean of each block of pixels, (rows, columns) or (rows, columns, 3) of the image's type.
+    """Return the mean of each block of ``side`` x ``side`` pixels, (rows, columns) or (rows, columns, 3).
 
     Blocks that reach beyond the image repeat its last row and column. Pixels beyond the last block are ignored.
-
-    Args:
-        image: (H, W) or (H, W, 3), uint8 or uint16.
-        side: side of a block, pixels.
-        rows: number of rows of blocks.
-        columns: number of columns of blocks.
     """
     height, width = rows * side, columns * side
     padding_below, padding_right = max(height - image.shape[0], 0), max(width - image.shape[1], 0)
@@ -124,15 +118,10 @@ def match_pair(
     divisor: int,
     parallel: Parallel = in_turn,
 ) -> DepthImages:
-    """Return depth images by matching a pair, the upper and the lower half of large images on their own.
+    """Return depth images by matching a pair, the upper and the lower half of large images on their own, in parallel.
 
     Args:
-        left: (H, W) uint16, rectified: a point's row is the same in both images; units of 1/16 grey level.
-        right: (H, W) uint16, likewise.
         disparity_count: number of disparities to search, one per pixel from 0.
-        noise_sigma: standard deviation of the image noise, grey levels, above 0.
-        divisor: width of the camera images divided by that of these images.
-        parallel: matches both halves at a time.
     """
     height = len(left)
     bands = 2 if height >= MIN_HEIGHT_OF_BANDS else 1
@@ -154,7 +143,7 @@ def match_pair(
 def _match_rows(
     left: NDArray[np.uint16], right: NDArray[np.uint16], disparity_count: int, noise_sigma: float, divisor: int
 ) -> DepthImages:
-    """Return the depth images of the rows of a pair; arguments are those of ``match_pair``."""
+    """Return the depth images of the rows of a pair."""
     matches = find_matches(left, right, disparity_count, noise_sigma)
     features = match_features(left, right, matches, max(noise_sigma, MIN_NOISE_SIGMA), divisor)
     disparity = with_texture(matches, features)
@@ -164,10 +153,9 @@ def _match_rows(
 def find_matches(
     left: NDArray[np.uint16], right: NDArray[np.uint16], disparity_count: int, noise_sigma: float
 ) -> NDArray[np.uint16]:
-    """Return the disparities of a pair, (H, W) uint16, units of 1/16 pixel, 0 where there is no match.
+    """Return the disparities of a pair, (H, W) uint16, 0 where there is no match.
 
-    A pixel has a match if the matches from left to right and from right to left agree. Arguments are those of
-    ``match_pair``.
+    A pixel has a match if the matches from left to right and from right to left agree.
     """
     matches = refined_matches(left, right, disparity_count, noise_sigma)
     return np.asarray(np.rint(matches / np.float32(DISPARITY_SCALE)), np.uint16)
@@ -176,10 +164,7 @@ def find_matches(
 def refined_matches(
     left: NDArray[np.uint16], right: NDArray[np.uint16], disparity_count: int, noise_sigma: float
 ) -> NDArray[np.float32]:
-    """Return the disparities before they are rounded, (H, W) float32, pixels, 0 where there is no match.
-
-    Arguments are those of ``match_pair``.
-    """
+    """Return the disparities before they are rounded, (H, W) float32, 0 where there is no match."""
     matches = _semi_global_matches(grey_levels(left), grey_levels(right), disparity_count)
     start = matches.astype(np.float32) * np.float32(DISPARITY_SCALE)
     refined = _smoothed(start)

@@ -21,12 +21,7 @@ camera, are left out: this limits the time."""
 
 
 def millimetres_from_disparity(disparity: NDArray[np.uint16], focal_times_baseline: float) -> NDArray[np.uint16]:
-    """Return depth along the optical axis, (H, W) uint16, millimetres; 0: invalid, or beyond 65.535 m.
-
-    Args:
-        disparity: (H, W) uint16, units of 1/16 pixel, 0: invalid.
-        focal_times_baseline: focal length times baseline, pixels times metres: depth is this divided by disparity.
-    """
+    """Return depth along the optical axis, (H, W) uint16, millimetres; 0: invalid, or beyond 65.535 m."""
     by_disparity = np.zeros(65536, np.uint16)
     depth = np.rint(1000.0 * focal_times_baseline / DISPARITY_SCALE / np.arange(1, 65536))
     by_disparity[1:] = np.where(depth <= _MAX_MILLIMETRES, depth, 0)
@@ -39,9 +34,8 @@ def align_depth(depth: NDArray[np.uint16], k: Intrinsics, camera: ColorCamera) -
     Every depth pixel covers the rectangle around its projected corners. Where several overlap, the nearest is kept.
 
     Args:
-        depth: (h, w) uint16, millimetres, 0: invalid.
+        depth: (h, w), millimetres, 0: invalid.
         k: intrinsics of ``depth``, whose camera has the left optical frame.
-        camera: colour camera.
     """
     target = camera.intrinsics
     X_color_left = np.linalg.inv(camera.X_left_color)
@@ -56,14 +50,10 @@ def align_depth(depth: NDArray[np.uint16], k: Intrinsics, camera: ColorCamera) -
 def _splat(
     depth: Array2[np.uint16], matrix: Array2[np.float64], offset: Array1[np.float64], aligned: Array2[np.uint16]
 ) -> None:
-    """Write the nearest depth at every pixel of the colour camera.
+    """Write the nearest depth at every pixel of the colour camera; ``aligned`` is 0 at first.
 
-    Args:
-        depth: (h, w), millimetres, 0: invalid.
-        matrix: (3, 3); its product with (column, row, 1) times depth, plus ``offset``, are homogeneous pixel
-            coordinates in the colour camera, of which the last is the depth there, millimetres.
-        offset: (3,), millimetres.
-        aligned: (H, W), output, initially 0.
+    The product of ``matrix``, (3, 3), with (column, row, 1) times depth, plus ``offset``, are homogeneous pixel
+    coordinates in the colour camera, of which the last is the depth there, millimetres.
     """
     height, width = aligned.shape
     for row in range(depth.shape[0]):

@@ -51,13 +51,10 @@ _WEIGHTS: Final = _interpolation_weights()
 
 
 def without_local_mean(image: NDArray[np.uint16]) -> NDArray[np.uint16]:
-    """Return each pixel relative to the mean of its window, plus white, (H, W) uint16.
+    """Return each pixel relative to the mean of its window, plus white, (H, W) uint16, 1/16 level.
 
     Vignetting, and highlights that move with the viewpoint, make one camera see a surface a few grey levels brighter
     than the other one. In weak texture, that is more than the texture.
-
-    Args:
-        image: (H, W) uint16, units of 1/16 grey level.
     """
     mean = cv2.boxFilter(image, -1, (_MEAN_WINDOW, _MEAN_WINDOW))
     return np.asarray(cv2.subtract(image + np.uint16(_MAX_LEVEL), mean), np.uint16)
@@ -69,11 +66,8 @@ def residual_shift(
     """Return the shift to add to each disparity, (H, W) float32, pixels; 0 where the disparity is unknown.
 
     Args:
-        left: (H, W) uint16, rectified, ``without_local_mean``, units of 1/16 grey level.
-        right: (H, W) uint16, likewise.
-        disparity: (H, W) float32, pixels, 0: unknown.
+        left, right: ``without_local_mean``.
         radius: pixels on each side of a window's centre, up to ``MAX_RADIUS``.
-        noise_sigma: standard deviation of the image noise, grey levels, above 0.
     """
     # Both images have the noise. Gradients have units of 1/32 level per pixel.
     prior = 2.0 * noise_sigma**2 * (32.0 / PRIOR_SHIFT) ** 2
@@ -92,14 +86,11 @@ def _residual_shift(
     weights: Array2[np.int32],
     shift: Array2[np.float32],
 ) -> None:
-    """Write the result of ``residual_shift``, whose arguments these are.
-
-    All sums are of integers: their results do not depend on the order.
+    """Write the result of ``residual_shift``. All sums are of integers: their results do not depend on the order.
 
     Args:
         prior: weight of a shift of 0 per pixel of the window, squared units of the gradient.
         weights: (``PHASE_COUNT``, 4), ``_interpolation_weights``.
-        shift: (H, W), output, pixels.
     """
     height, width = left.shape
     window = 2 * radius + 1
@@ -161,12 +152,8 @@ def _write_row(
     """Write the shift of the pixels of one row from the sums down the columns of their windows.
 
     Args:
-        disparity: (W,), pixels, 0: unknown.
-        prior: weight of a shift of 0 per pixel of the window, squared units of the gradient.
-        window: side of a window, pixels.
         sums: (3, W + ``window`` - 1): gradient times difference, squared gradient, pixels with a known disparity.
         window_sums: (3, W), working memory: the sums over windows.
-        shift: (W,), output, pixels.
     """
     product_sums, square_sums, count_sums = sums[0], sums[1], sums[2]
     products, squares, counts = window_sums[0], window_sums[1], window_sums[2]
@@ -203,17 +190,10 @@ def _multiply_rows(
     square: Array1[np.int32],
     count: Array1[np.int32],
 ) -> None:
-    """Write the products of gradient and difference of one row, with ``radius`` columns of padding.
+    """Write the products of gradient and difference of one row, with ``radius`` columns of padding on each side.
 
-    Args:
-        left: (W,), units of 1/16 level.
-        right: (W,), likewise.
-        disparity: (W,), pixels, 0: unknown.
-        radius: columns of padding on each side.
-        weights: (``PHASE_COUNT``, 4), ``_interpolation_weights``.
-        product: (W + 2 ``radius``,), output, gradient times difference.
-        square: (W + 2 ``radius``,), output, squared gradient.
-        count: (W + 2 ``radius``,), output, 1 where the disparity is known.
+    ``product`` is gradient times difference, ``square`` the squared gradient, and ``count`` 1 where the disparity is
+    known.
     """
     last = len(left) - 1
     for column in range(len(left)):

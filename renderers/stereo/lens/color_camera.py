@@ -39,14 +39,7 @@ class ColorCamera:
         return pose
 
     def camera(self, X_world_left: NDArray[np.float64], *, near: float, far: float, divisor: int = 1) -> Camera:
-        """Return the pinhole camera at a pose of the stereo camera.
-
-        Args:
-            X_world_left: (4, 4) float64, pose of the left optical frame.
-            near: near clipping plane, metres.
-            far: far clipping plane, metres.
-            divisor: width of the colour camera's images divided by the width of the returned camera's.
-        """
+        """Return the pinhole camera at a pose of the stereo camera, with images of 1/``divisor`` of the resolution."""
         k = self.intrinsics
         width, height, f = -(-k.width // divisor), -(-k.height // divisor), k.focal_length / divisor
         pose = X_world_left @ self.X_left_color

@@ -17,15 +17,10 @@ _ROTATION_TOLERANCE: Final = 1e-6
 
 
 def poses_at(X_world_before: NDArray[np.float64], X_world_now: NDArray[np.float64], time: float) -> NDArray[np.float64]:
-    """Return the poses at a time, (N, 4, 4) float64, for constant velocity and angular velocity.
+    """Return the poses at a time, (N, 4, 4), for constant velocity and angular velocity. 0 is now, -1 before.
 
     Poses that differ in more than rotation and translation, for example in scale, are interpolated linearly. All poses
     share the NumPy calls: calls for each pose take 20 times as long.
-
-    Args:
-        X_world_before: (N, 4, 4) float64, earlier poses.
-        X_world_now: (N, 4, 4) float64, later poses.
-        time: 0 is the time of the later poses, -1 that of the earlier ones.
     """
     result = X_world_now + time * (X_world_now - X_world_before)
     before, now = X_world_before[:, :3, :3], X_world_now[:, :3, :3]
@@ -45,13 +40,10 @@ def poses_at(X_world_before: NDArray[np.float64], X_world_now: NDArray[np.float6
 
 
 def write_mean_light(image: NDArray[np.uint32], column: int, row: int, others: Sequence[NDArray[np.uint32]]) -> None:
-    """Replace a rectangle of an image by the mean light of this and other images of the rectangle.
+    """Replace a rectangle of an image by the mean light of this and other images of the rectangle, as ``Frame.roots``.
 
-    Args:
-        image: (H, W) uint32, as ``Frame.roots``.
-        column: left column of the rectangle.
-        row: upper row of the rectangle.
-        others: (h, w) uint32 each, likewise: other images of the rectangle; at least one.
+    ``column`` and ``row`` are those of its upper left pixel. There is at least one other image, of the rectangle's
+    size.
     """
     height, width = others[0].shape
     part = image[row : row + height, column : column + width]

@@ -46,13 +46,10 @@ def add_dots(
     """Add a projector's light to an image of dots (``projected_dots``).
 
     Args:
-        light: (H, W) uint16, changed.
-        surfaces: surfaces in the image.
         projector: camera at the projector; points outside its image are not lit.
-        projector_depth: (h, w) float32, depth seen from there, for shadows.
+        projector_depth: (h, w), depth seen from there, for shadows.
         strength: factor of the light.
-        soft: realistic dots (``projector_pattern``).
-        right: speckle as the right camera sees it.
+        soft, right: as for ``pattern_at``.
     """
     camera = surfaces.camera
     X_projector_camera = np.ascontiguousarray((projector.X_camera_world @ camera.X_world_camera)[:3])
@@ -86,9 +83,7 @@ def _add_dots(
     in the pattern. The point is lit unless a nearer surface is there.
 
     Args:
-        k: (4,), fx, fy, cx, cy of the camera.
-        X_projector_camera: (3, 4).
-        projector_k: (4,), likewise of the projector.
+        k, projector_k: fx, fy, cx, cy of the camera and of the projector.
         pattern: (N, N); N is a power of two.
         cells_per_pixel: cells of the pattern per pixel of the projector's image.
         ids: (H, W), instance at every pixel.

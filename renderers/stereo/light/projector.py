@@ -85,19 +85,15 @@ def projected_dots(
     faces the projector at ``REFERENCE_DISTANCE``, and up to ``MAX_FALLOFF`` times that on nearer ones.
 
     Args:
-        depth: (H, W) float32 depth of the camera image, metres, +inf: background.
         focal_length: focal length of camera and projector, pixels.
-        cx: principal point, pixels from the left edge.
-        cy: principal point, pixels from the top edge.
         offset: x of the camera in the projector's frame, metres.
-        projector_depth: (H, W) float32 depth seen from the projector with the camera's intrinsics, for shadows. Points
-            outside this image are lit: the projector's field of view is wider than the camera's.
-        lamp_share: (H, W or more) float32, cosine of the projector's light divided by all other light; None: 1.
-        soft: realistic dots (``projector_pattern``).
-        right: speckle as the right camera sees it; without ``soft`` both cameras see the same.
+        projector_depth: (H, W), depth seen from the projector with the camera's intrinsics, for shadows. Points outside
+            this image are lit: the projector's field of view is wider than the camera's.
+        lamp_share: (H, W or more), cosine of the projector's light divided by all other light; None: 1.
+        soft, right: as for ``pattern_at``.
         point_samples: sample the finest pattern at any resolution, so that the values have the distribution of a
             full-resolution image's, for metering.
-        returned: (H, W) int32 instances and (I,) float32 ``returned_shares`` of them; None: they return all light.
+        returned: (H, W) instances and (I,) ``returned_shares`` of them; None: they return all light.
     """
     pattern, cells_per_pixel = pattern_at(focal_length, soft=soft, right=right, finest=point_samples)
     light = np.empty(depth.shape, np.uint16)
@@ -115,9 +111,8 @@ def pattern_at(
     """Return the level of the pattern for an image, (N, N) uint8, and its cells per pixel.
 
     Args:
-        focal_length: pixels.
         soft: realistic dots (``projector_pattern``).
-        right: speckle as the right camera sees it.
+        right: speckle as the right camera sees it; without ``soft`` both cameras see the same.
         finest: the finest level, however small its cells are.
     """
     level, cell_pixels = 0, CELL * focal_length
@@ -187,9 +182,8 @@ def _project(
         lamp_share: (H, W or more), or (1, 1): 1.
         pattern: (N, N), one level of the pattern; N is a power of two.
         cells_per_pixel: cells of this level per pixel of the image.
-        ids: (H, W), instance at every pixel, or (1, 1).
-        shares: (I,), share of the light that each instance returns; not used with ids of (1, 1).
-        light: (H, W), output.
+        ids: (H, W), instance at every pixel, or (1, 1): ``shares`` is not used.
+        shares: (I,), share of the light that each instance returns.
     """
     height, width = depth.shape
     period = pattern.shape[0]

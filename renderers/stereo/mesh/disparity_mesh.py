@@ -59,12 +59,9 @@ def disparity_mesh(
     """Return header, vertices and faces of a binary PLY file.
 
     Args:
-        disparity: (H, W) uint16, units of 1/16 pixel, 0: invalid.
         intrinsics: intrinsics of the disparity image.
-        baseline: metres.
-        options: see ``MeshOptions``.
-        left: (H', W') or (H', W', 3) uint8 left image, required if textured. Each point gets the mean of the pixels
-            that its bin covers.
+        left: (H', W') or (H', W', 3) left image, required if textured. Each point gets the mean of the pixels that its
+            bin covers.
     """
     height, width = disparity.shape
     bin_size = smallest_bin_size(width, height, options.max_points)
@@ -102,25 +99,17 @@ def disparity_mesh(
 
 
 def _bin_colors(left: NDArray[np.uint8], width: int, height: int, bin_size: int) -> NDArray[np.uint8]:
-    """Return the left image averaged over each bin, (rows, columns, 3) uint8.
-
-    Args:
-        left: (H', W') or (H', W', 3) uint8.
-        width: width of the disparity image, pixels.
-        height: height of the disparity image, pixels.
-        bin_size: side of a bin, pixels of the disparity image.
-    """
+    """Return the left image averaged over each bin of a disparity image of this size, (rows, columns, 3) uint8."""
     left_pixels_per_bin = -(-left.shape[1] // width) * bin_size
     colors = block_means(left, left_pixels_per_bin, rows=-(-height // bin_size), columns=-(-width // bin_size))
     return colors if colors.ndim == 3 else np.repeat(colors[:, :, None], 3, axis=2)
 
 
 def _vertex_dtype(*, textured: bool) -> np.dtype[np.void]:
-    """Return the packed vertex type: x, y, z and scan_size, followed by the colours.
+    """Return the packed vertex type: x, y, z and scan_size, and if ``textured`` the colours.
 
-    Args:
-        textured: add the colours twice: as diffuse_red, diffuse_green, diffuse_blue, which the vendor's programs read,
-            and as red, green, blue, which trimesh, Open3D and most others read.
+    They are there twice: as diffuse_red, diffuse_green, diffuse_blue, which the vendor's programs read, and as red,
+    green, blue, which trimesh, Open3D and most others read.
     """
     fields: list[tuple[str, str]] = [(name, "<f4") for name in ("x", "y", "z", "scan_size")]
     if textured:
@@ -129,12 +118,7 @@ def _vertex_dtype(*, textured: bool) -> np.dtype[np.void]:
 
 
 def _ply_parts(vertices: NDArray[np.void], faces: NDArray[np.void]) -> tuple[bytes, memoryview, memoryview]:
-    """Return header, vertices and faces, whose concatenation is a PLY file in the vendor's layout.
-
-    Args:
-        vertices: (N,) ``_vertex_dtype``.
-        faces: (M,) ``_FACE``.
-    """
+    """Return header, vertices and faces, whose concatenation is a PLY file in the vendor's layout."""
     lines = [
         "ply",
         "format binary_little_endian 1.0",

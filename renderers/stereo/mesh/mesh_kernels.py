@@ -1,4 +1,8 @@
-"""Kernels of ``disparity_mesh``. Disparities are in units of 1/16 pixel, 0: no point."""
+"""Kernels of ``disparity_mesh``. Disparities are in units of 1/16 pixel, 0: no point.
+
+A point of a bin has a disparity, ``bin_disparity``, and a position in the image, ``bin_u`` from the left and ``bin_v``
+from the top, pixels: (rows, columns) each.
+"""
 
 from __future__ import annotations
 
@@ -22,14 +26,6 @@ def bin_points(
 
     The point is the nearest pixel of the bin or the mean of its valid pixels. The mean over pixels of a plane lies on
     the plane, because the disparity of a plane is affine in the pixel position.
-
-    Args:
-        disparity: (H, W).
-        bin_size: side of a bin, pixels.
-        nearest: take the nearest pixel instead of the mean.
-        bin_disparity: (rows, columns), output.
-        bin_u: (rows, columns), output, pixels from the left edge.
-        bin_v: (rows, columns), output, pixels from the top edge.
     """
     height, width = disparity.shape
     rows, columns = bin_disparity.shape
@@ -117,15 +113,9 @@ def make_points(
     The manual's formula: P = ((u - cx) t / d, (v - cy) t / d, f t / d), with focal length f and baseline t.
 
     Args:
-        bin_disparity: (rows, columns), the d of the formula.
-        bin_u: (rows, columns), pixels from the left edge.
-        bin_v: (rows, columns), pixels from the top edge.
-        focal_length: pixels.
-        cx: principal point, pixels from the left edge.
-        cy: principal point, pixels from the top edge.
         baseline_units: baseline times the disparity units per pixel, metres.
         footprint_units: footprint of a point times its disparity, metres.
-        vertex_index: (rows, columns), -1 where no triangle has a corner; numbers of the others are written.
+        vertex_index: -1 where no triangle has a corner; numbers of the others are written.
         points: (N, 4), output: x, y, z and footprint, metres.
     """
     count = 0
@@ -175,11 +165,8 @@ def make_triangles(
     with four points is divided along the diagonal that lies in it: mean positions of bins can make it concave.
 
     Args:
-        bin_disparity: (rows, columns).
-        bin_u: (rows, columns), pixels from the left edge.
-        bin_v: (rows, columns), pixels from the top edge.
         max_step: maximum difference of the disparities in a cell.
-        vertex_index: (rows, columns), output: 0 at each corner of a triangle.
+        vertex_index: output: 0 at each corner of a triangle.
         triangles: (N, 3), output, with room for two triangles for each cell.
     """
     columns = bin_disparity.shape[1]

@@ -102,11 +102,9 @@ def light_on_sensor(
     finer steps of light than bright ones.
 
     Args:
-        roots: (H, W or more) uint32, C-contiguous: the rendered image as ``Frame.roots``; see ``roots_of``.
+        roots: (H, W or more), C-contiguous: the rendered image as ``Frame.roots``; see ``roots_of``.
         k: intrinsics of the image, for its width and the field angle.
         exposure: its white balance is applied; exposure time and gain are not.
-        scene_light: projector and key light.
-        lens: blur and vignetting.
         color: return RGB; otherwise grey, by the weights of Rec. 601.
     """
     dots = _NO_DOTS if scene_light.dots is None else scene_light.dots
@@ -176,14 +174,7 @@ _cached_patterns: Cache[tuple[int, bool, int, int], FixedPattern] = Cache("fixed
 
 
 def fixed_pattern(seed: int, *, right: bool, height: int, width: int) -> FixedPattern:
-    """Return the pattern of a sensor, from the cache if possible. It depends on the arguments only.
-
-    Args:
-        seed: seed of the stereo camera.
-        right: the right sensor instead of the left one.
-        height: rows.
-        width: columns.
-    """
+    """Return the pattern of the left or right sensor, from the cache if possible. It depends on the arguments only."""
     key = (seed, right, height, width)
     pattern = _cached_patterns.get(key)
     if pattern is None:
@@ -235,8 +226,7 @@ def image_from_light(
     """Return the camera image of a light image.
 
     Args:
-        light: (H, W, 3 or 1) uint16, ``light_on_sensor`` with the white balance of ``exposure``.
-        exposure: exposure; the white balance is not applied again.
+        light: (H, W, 3 or 1), ``light_on_sensor`` with the white balance of ``exposure``.
         key: random key of this frame and camera (``frame_key``).
         pattern: fixed pattern of the sensor; None: all pixels are alike.
         noise_factor: factor of the noise's standard deviation; 0 disables noise, but not the fixed pattern.

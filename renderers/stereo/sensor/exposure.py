@@ -84,12 +84,10 @@ class Exposure:
         return np.array((self.red, 1.0, self.blue))
 
     def response(self, light: NDArray[np.floating], *, clip: bool = True) -> NDArray[np.floating]:
-        """Return the brightness in the image, 0 to 1, of amplified light.
+        """Return the brightness in the image, 0 to 1, of amplified light; ``clip`` False: of a sensor that never
+        saturates.
 
         High dynamic range is compressed by Reinhard's extended operator (2002) with white at ``saturation``.
-
-        Args:
-            clip: False: a sensor that never saturates.
         """
         if clip:
             light = np.minimum(light, self.saturation)
@@ -163,8 +161,7 @@ def auto_exposure(light: NDArray[np.float32], limits: AutoExposure, manual: Expo
     The result depends on this image only, as if automatic exposure had settled on it.
 
     Args:
-        light: float32 of any shape, 1 is white; a downscaled image suffices.
-        limits: limits and targets.
+        light: of any shape, 1 is white; a downscaled image suffices.
         manual: exposure whose gamma, dynamic range and white balance are kept; None: the default exposure.
     """
     manual = manual or Exposure()

@@ -12,12 +12,9 @@ from renderers.stereo.sensor.exposure import LIGHT_WHITE
 
 @inlined
 def _mix_channels(roots: Array1[np.uint32], weights: Array1[np.float32], scene: Array1[np.float32]) -> None:
-    """Write one channel of a row's light.
+    """Write one channel of a row's light, from ``Frame.roots``, between the ends of ``scene``.
 
-    Args:
-        roots: (W or more,), see ``Frame.roots``.
-        weights: (3,), of the squares of red's, green's and blue's roots.
-        scene: (W + 2,), output between its ends.
+    ``weights`` are those of the squares of red's, green's and blue's roots.
     """
     for column in range(len(scene) - 2):
         three = i32(roots[column])
@@ -34,12 +31,7 @@ def _light_scene(
     has_dots: bool,
     has_factors: bool,
 ) -> None:
-    """Multiply a row's light by the factors, and by what the projector adds.
-
-    Args:
-        scene: (W + 2,), light between its ends.
-        factors: (W or more,), 1 if there are none.
-    """
+    """Multiply a row's light, between the ends of ``scene``, by the factors, and by what the projector adds."""
     width = len(scene) - 2
     if has_dots:
         for column in range(width):
@@ -70,11 +62,7 @@ def _write_row(
     light: Array2[np.uint16],
     channel: I64,
 ) -> None:
-    """Write a row of the light image from three rows blurred along x, times the vignetting if there is any.
-
-    Args:
-        light: (W, C), output.
-    """
+    """Write a row of the light image from three rows blurred along x, times the vignetting if there is any."""
     white, half, maximum = f32(LIGHT_WHITE), f32(0.5), f32(65535.0)
     if has_falloff:
         for column in range(len(here)):
@@ -109,7 +97,7 @@ def light_rows(
     inv_focal: F64,
     light: Array3[np.uint16],
 ) -> None:
-    """Write a light image.
+    """Write a light image, (H, W, C).
 
     Args:
         roots: (H, W or more), see ``Frame.roots``.
@@ -118,10 +106,7 @@ def light_rows(
         factors: (H, W or more), factors of the rendered light; one row: 1.
         weights: (C, 3), of the squares of red's, green's and blue's roots in each channel.
         neighbour_weight: weight of each of both neighbours in the filter of three taps along rows and along columns.
-        cx: principal point, pixels from the left edge.
-        cy: principal point, pixels from the top edge.
         inv_focal: 1 / focal length, 1/pixels; 0: no vignetting.
-        light: (H, W, C), output.
     """
     height, width, channels = light.shape
     outer = f32(neighbour_weight)

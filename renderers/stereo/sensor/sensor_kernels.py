@@ -25,22 +25,18 @@ def expose_light(
     key: U64,
     image: Array2[np.uint8],
 ) -> I64:
-    """Write a grey or RGB image and return the sum of its levels.
+    """Write a grey or RGB image, (H, W C), and return the sum of its levels.
 
     Args:
         light: (H, W C), rows of ``light_on_sensor``.
-        channels: C, 1 or 3.
         step_factor: steps of ``response`` per unit of ``light``.
-        response: (``RESPONSE_STEPS``, 2) by step: grey level plus 0.5, for rounding, and standard deviation of
-            the noise, grey levels.
-        offsets: (H, W), fixed offset of each pixel; (1, 1): no fixed pattern.
-        gains: (H, W), fixed gain of each pixel; (1, 1): no fixed pattern.
+        response: (``RESPONSE_STEPS``, 2) by step: grey level plus 0.5, for rounding, and standard deviation of the
+            noise, grey levels.
+        offsets, gains: (H, W), fixed offset and gain of each pixel; (1, 1): no fixed pattern.
         offset_unit: grey levels per unit of ``offsets``.
         gain_unit: relative change of ``light`` per unit of ``gains``: half that of the light, as ``light`` has square
             roots.
         normal_quantiles: (128,), equally likely values of unit variance.
-        key: random key.
-        image: (H, W C), output.
     """
     height, size = image.shape
     width = size // channels
