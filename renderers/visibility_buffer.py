@@ -48,8 +48,6 @@ class SampledView:
     """As in ``Visibility``."""
     X_camera_mesh: NDArray[np.float64]
     """As in ``Visibility``."""
-    stride: int
-    """Number of values from one row of a band's primitive ids to the next."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -57,8 +55,8 @@ class SampledShader:
     """Shading of bands with several samples per pixel."""
 
     kernel: int
-    """Address of a kernel that any thread calls with five int64: ``job``, the address of the band's
-    ``msaa.SampleBand``, ``SampledView.stride``, the band's first row in the image, and the row after its last."""
+    """Address of a kernel that any thread calls with five int64: ``job``, the address of a ``msaa.SampleBand``, the
+    values from one of its rows to the next, its first row in the image, and the row after its last."""
     job: int
     """First argument of the kernel."""
     keep: object

@@ -148,10 +148,11 @@ class CpuRenderer:
             raise ValueError(f"camera size {camera.width}x{camera.height} is larger than {MAX_SIDE}x{MAX_SIDE}")
         prepared = prepare(scene)
         frame, addresses = _allocate(outputs.value, camera.height, camera.width)
-        if Output.LAMP_SHARE in outputs:
-            fill = np.zeros if look.name == "gltf" else np.ones  # only this look writes it
-            frame.lamp_share = fill((camera.height, camera.width + LANES), np.float32)
-        for output, name in ((Output.KEY_FACTOR, "key_factor"), (Output.LIGHT, "light")):
+        for output, name in (
+            (Output.LAMP_SHARE, "lamp_share"),
+            (Output.KEY_FACTOR, "key_factor"),
+            (Output.LIGHT, "light"),
+        ):
             if output in outputs:
                 setattr(frame, name, np.ones((camera.height, camera.width + LANES), np.float32))
         if Output.ROOTS in outputs:
@@ -216,7 +217,7 @@ class CpuRenderer:
         selected, culled = address_of(select, np.bool_), address_of(cull_back, np.bool_)
         threads = self._threads.threads
         job = FrameJob(prepared, camera, threads, select=selected, cull_back=culled, opaque=True, samples=samples)
-        shader = make_shader(SampledView(prepared.instances.first_ids, job.X_camera_mesh, job.stride))
+        shader = make_shader(SampledView(prepared.instances.first_ids, job.X_camera_mesh))
         bands = allocate_sample_bands(threads, camera, samples, job.stride)
         self._threads.share(job.sampled_task(*bands, shader))
 

@@ -8,16 +8,14 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import replace
-from typing import TYPE_CHECKING, Final
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from renderers.camera import Camera
 from renderers.drawlist import DrawList
-
-if TYPE_CHECKING:  # the rasterizer imports the callers of this module
-    from renderers.visibility_buffer import Rasterizer, Visibility
+from renderers.visibility_buffer import BAND_ROWS, Rasterizer, Visibility, band_count
 
 MAX_LAYERS: Final = 32
 """Default maximum number of transparent surfaces behind one another in a pixel. Further ones are not rendered.
@@ -28,8 +26,6 @@ opacity 0.2, less than a thousandth of the light is left."""
 
 def for_bands(rasterizer: Rasterizer, height: int, work: Callable[[int, int], object]) -> None:
     """Call ``work(row_begin, row_end)`` for all bands of an image, in parallel."""
-    from renderers.visibility_buffer import BAND_ROWS, band_count
-
     rasterizer.parallel(band_count(height), lambda band: work(band * BAND_ROWS, min((band + 1) * BAND_ROWS, height)))
 
 
@@ -54,22 +50,17 @@ def peeled(
     """
     previous: Visibility | None = None
     for _ in range(max_layers):
+        bounds: dict[str, Any] = {"behind": previous}
         if in_drawing_order:
-            id_limits = previous.ids if previous is not None else None
-            layer = rasterizer.visibility(
-                scene, camera, select=select, cull_back=cull_back, in_front_of=behind, id_limits=id_limits, latest=True
-            )
-        else:
-            layer = rasterizer.visibility(
-                scene, camera, select=select, cull_back=cull_back, behind=previous, in_front_of=behind
-            )
+            bounds = {"id_limits": None if previous is None else previous.ids, "latest": True}
+        layer = rasterizer.visibility(scene, camera, select=select, cull_back=cull_back, in_front_of=behind, **bounds)
         previous = layer
         if not (layer.ids >= 0).any():
             break
         yield layer
 
 
-SolidPixels = Callable[["Visibility", Camera], NDArray[np.bool_]]
+SolidPixels = Callable[[Visibility, Camera], NDArray[np.bool_]]
 """Function that returns a mask of the pixels where a layer is not cut out, (H, W)."""
 
 

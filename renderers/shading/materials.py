@@ -14,8 +14,6 @@ from renderers.interface import VTK_LOOKS, LookName
 from renderers.shading.layout import LAMBERT, METALLIC_ROUGHNESS, UNLIT, ShadingMaterial
 from renderers.shading.texture_table import TextureTable
 
-_FIELDS: Final = ShadingMaterial.dtype.names or ()
-
 VTK_PBR_ROUGHNESS: Final = 0.5
 """Roughness of VTK's own primitives under physically based shading: vtkProperty's default, whatever the exported
 material says (the exporter writes a constant 1.0). Measured against RenderEngineVtk."""
@@ -135,10 +133,6 @@ class MaterialTable:
     """Collects the MATERIALs of one draw list under one look."""
 
     def __init__(self, look: LookName, textures: TextureTable) -> None:
-        """
-        Args:
-            textures: the table that the materials' textures are added to.
-        """
         self._look = look
         self._textures = textures
         self._indices: dict[tuple[int, bool], int] = {}
@@ -166,7 +160,7 @@ class MaterialTable:
         structs = np.zeros(max(len(self._values), 1), ShadingMaterial.dtype)
         with np.errstate(over="ignore"):  # a factor beyond the range of float32 becomes infinite
             for k, values in enumerate(self._values):
-                structs[k] = tuple([values[name] for name in _FIELDS])
+                structs[k] = ShadingMaterial.record(**values)
         return structs
 
 

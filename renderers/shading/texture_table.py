@@ -45,25 +45,29 @@ class TextureTable:
         """
         structs = np.zeros(max(len(self._indices), 1), ShadingTexture.dtype)
         _prepare(self._indices, parallel)
-        for (texture, srgb), struct in zip(self._indices, structs, strict=False):
-            sampler = texture.sampler
-            decoded = texels_of(texture.image)
+        for k, (texture, srgb) in enumerate(self._indices):
+            sampler, decoded = texture.sampler, texels_of(texture.image)
             texels, (height, width) = decoded.rows, decoded.size
             last_level, mip_mode = 0, MIPS_NONE
             if sampler.mipmaps and max(width, height) > 1:
                 texels, last_level = mip_level_rows(texture.image, srgb), max(width, height).bit_length() - 1
                 mip_mode = MIPS_LINEAR if sampler.mip_linear else MIPS_NEAREST
-            struct["texels"], struct["stride"] = address_of(texels, np.uint8), texels.shape[1]
-            struct["width"], struct["height"], struct["last_level"] = width, height, last_level
-            struct["wrap_s"], struct["wrap_t"] = _WRAPS[sampler.wrap_s], _WRAPS[sampler.wrap_t]
-            struct["mag_linear"], struct["min_linear"], struct["mip_mode"] = (
-                sampler.mag_linear,
-                sampler.min_linear,
-                mip_mode,
-            )
-            struct["uv_set"], struct["srgb"] = texture.uv_set, srgb
             with np.errstate(over="ignore"):  # a transform beyond the range of float32 becomes infinite
-                struct["uv_transform"] = texture.uv_transform or (1.0, 0.0, 0.0, 0.0, 1.0, 0.0)
+                structs[k] = ShadingTexture.record(
+                    wrap_s=_WRAPS[sampler.wrap_s],
+                    wrap_t=_WRAPS[sampler.wrap_t],
+                    mag_linear=sampler.mag_linear,
+                    min_linear=sampler.min_linear,
+                    mip_mode=mip_mode,
+                    uv_set=texture.uv_set,
+                    srgb=srgb,
+                    texels=address_of(texels, np.uint8),
+                    stride=texels.shape[1],
+                    last_level=last_level,
+                    width=width,
+                    height=height,
+                    uv_transform=texture.uv_transform or (1.0, 0.0, 0.0, 0.0, 1.0, 0.0),
+                )
             self.keep.append(texels)
         return structs
 

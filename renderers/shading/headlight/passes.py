@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,9 +18,7 @@ from renderers.shading.gamma import GAMMA_CELLS, GAMMA_FROM_LINEAR
 from renderers.shading.headlight.layout import DIRECT, GATHER, UNDER, HeadlightInputs
 from renderers.shading.headlight.shade_rows import shade_rows
 from renderers.shading.scene import ShadingJob, ShadingScene
-
-if TYPE_CHECKING:  # the rasterizer imports this module
-    from renderers.visibility_buffer import Rasterizer, Visibility
+from renderers.visibility_buffer import Rasterizer, Visibility
 
 _NO_IMAGES: Final = Frame()
 _GAMMA_TABLES: Final = address_of(GAMMA_CELLS, np.int32), address_of(GAMMA_FROM_LINEAR, np.float32)

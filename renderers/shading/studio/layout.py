@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Final
 
 from renderers.compiler.device_function import device_function
-from renderers.compiler.kernel_types import F32, F64, I32, I64, U8, Pointer
+from renderers.compiler.kernel_types import F32, F64, I32, I64, U8, Address, Pointer
 from renderers.compiler.simd import LANES
 from renderers.compiler.structs import Struct, inline
 from renderers.shading.layout import ShadingInputs, inline_rows
@@ -49,11 +49,6 @@ class StudioLighting(Struct):
     stop: I64  # address of a stop flag, see stop.StopFlag
 
 
-class StudioInputs(Struct):
-    shading: ShadingInputs
-    lighting: StudioLighting
-
-
 class StudioOutput(Struct):
     """Image to which finished rows are written."""
 
@@ -62,13 +57,15 @@ class StudioOutput(Struct):
     color: Pointer[U8]  # (H, W, 3)
 
 
-class StudioEdgeShader(Struct):
-    """Arguments of ``shade_rows.shade_edges`` for all bands of an image."""
-
-    shade_rows: I64  # address of the kernel
-    job: I64  # address of a StudioInputs
+class StudioInputs(Struct):
+    shading: ShadingInputs
+    lighting: StudioLighting
+    mode: I64  # ADD, BENEATH, EDGES or WRITE_ALPHA of ``shade_rows``
     width: I64  # pixels
-    output: I64  # address of an StudioOutput
+    # Accumulated rows of the image, (H, 4, channel_values(width)) float32; for WRITE_ALPHA, rows of alpha, (H,
+    # channel_values(width)). 0: rows are finished and written to the output.
+    target: Address
+    output: StudioOutput  # read only without ``target``
 
 
 class StudioSurfaces(Struct):

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,13 +17,13 @@ from renderers.compiler.pointers import address_of
 from renderers.compiler.simd import LANES
 from renderers.drawlist import DrawList, Light
 from renderers.light_rig import MAX_SHADOWS, Rig
-from renderers.msaa import sample_cameras
+from renderers.msaa import SampleBand, sample_cameras
 from renderers.shading.depth_peeling import for_bands, peeled
 from renderers.shading.scene import ShadingJob, ShadingScene
 from renderers.shading.studio import layout
 from renderers.shading.studio.environment_map import environment_of, split_sum
 from renderers.shading.studio.lights import dimmed_to_expose, light_structs
-from renderers.shading.studio.shade_rows import ADD, BENEATH, WRITE_ALPHA, shade_edges, shade_rows
+from renderers.shading.studio.shade_rows import ADD, BENEATH, EDGES, WRITE_ALPHA, shade_rows
 from renderers.shading.studio.shadows import (
     ShadowMap,
     casters,
@@ -34,9 +34,7 @@ from renderers.shading.studio.shadows import (
 )
 from renderers.shading.studio.tone_mapping import SRGB_CELLS, TONES, write_image_rows
 from renderers.stop import current_stop
-
-if TYPE_CHECKING:  # the rasterizer imports this module
-    from renderers.visibility_buffer import Rasterizer, SampledShader, SampledView, Visibility
+from renderers.visibility_buffer import Rasterizer, SampledShader, SampledView, Visibility
 
 
 def paint(
@@ -92,13 +90,22 @@ def paint(
             partial(_solid_pixels, rasterizer, shading),
         )
     lighting = _lighting(rig, lights, shadow_maps, map_of_light, camera)
-    output = _output(background, color)
+    output = np.empty(1, layout.StudioOutput.dtype)
+    output[0] = layout.StudioOutput.record(
+        background=[linear_from_srgb(value / 255.0) for value in background],
+        srgb_cells=address_of(SRGB_CELLS, np.int32),
+        color=address_of(color, np.uint8),
+    )
     output_address = address_of(output, layout.StudioOutput.dtype)
     if samples > 1:
-        make_shader = partial(_sampled_shader, shading, lighting, camera, output_address)
+
+        def make_shader(view: SampledView) -> SampledShader:
+            job = StudioJob(shading, lighting, view, camera, EDGES, output=output_address)
+            return SampledShader(kernel_address(shade_rows), job.address, job)
+
         rasterizer.shade_samples(scene, camera, samples, make_shader, select=opaque, cull_back=cull_back)
     elif opaque is None and visible is not None:
-        _layer_shader(rasterizer, shading, lighting, visible, camera, ADD, 0, output_address)(visible.ids)
+        _layer_shader(rasterizer, shading, lighting, visible, camera, ADD, output=output_address)(visible.ids)
     if opaque is None:
         return
     assert visible is not None  # rendered above: the scene is peeled
@@ -148,7 +155,7 @@ def _peeled_mean(
     rasterizer: Rasterizer,
     scene: DrawList,
     shading: ShadingScene,
-    lighting: _Lighting,
+    lighting: LightingJob,
     cameras: Sequence[Camera],
     opaque: NDArray[np.bool_],
     first_view: Visibility,
@@ -171,7 +178,7 @@ def _peeled_mean(
         target, view = address_of(accumulated, np.float32), first_view
         if camera is not cameras[0]:
             view = rasterizer.visibility(scene, camera, select=opaque, cull_back=shading.cull_back)
-        shade = _layer_shader(rasterizer, shading, lighting, view, camera, BENEATH, target, 0)
+        shade = _layer_shader(rasterizer, shading, lighting, view, camera, BENEATH, target=target)
         for layer in peeled(rasterizer, scene, camera, shading.transparent, shading.cull_back, view):
             shade(layer.ids)
             layer.ids[accumulated[:, 3, :width] >= 1.0] = -1  # surfaces behind are invisible
@@ -182,30 +189,58 @@ def _peeled_mean(
     return mean
 
 
+class StudioJob:
+    """The StudioInputs of an image or layer. Immutable, thread-safe. The addresses given to it must outlive it."""
+
+    def __init__(
+        self,
+        shading: ShadingScene,
+        lighting: LightingJob,
+        view: Visibility | SampledView,
+        camera: Camera,
+        mode: int,
+        *,
+        target: int = 0,
+        output: int = 0,
+    ) -> None:
+        """
+        Args:
+            mode, target, output: as in StudioInputs.
+        """
+        first_ids, X_camera_mesh = address_of(view.first_ids, np.int64), address_of(view.X_camera_mesh, np.float64)
+        shading_job = ShadingJob(
+            shading, camera, first_ids, X_camera_mesh, reads_positions=True, reads_flat_normals=True
+        )
+        job = np.empty(1, layout.StudioInputs.dtype)
+        job[0] = layout.StudioInputs.record(
+            shading=shading_job.address,
+            lighting=lighting.address,
+            mode=mode,
+            width=camera.width,
+            target=target,
+            output=output,
+        )
+        self.address = address_of(job, layout.StudioInputs.dtype)
+        """Valid while this object is alive."""
+        self._keep = (shading_job, lighting, view.first_ids, view.X_camera_mesh, job)
+
+
 def _layer_shader(
     rasterizer: Rasterizer,
     shading: ShadingScene,
-    lighting: _Lighting,
+    lighting: LightingJob,
     layer: Visibility,
     camera: Camera,
     mode: int,
-    target: int,
-    output: int,
+    **rows: int,
 ) -> Callable[[NDArray[np.int32]], None]:
-    """Return a function that shades layers of a view, given their ids; see ``shade_rows``.
-
-    Args:
-        mode: as in ``shade_rows``.
-        target: address of the accumulated rows; 0: none.
-        output: address of an StudioOutput; 0: none.
-    """
-    job, keep = _job(shading, lighting, layer.X_camera_mesh, layer.first_ids, camera)
-    job_address, width = address_of(job, layout.StudioInputs.dtype), camera.width
+    """Return a function that shades layers of a view, given their ids; ``rows``: ``target`` or ``output``."""
+    job = StudioJob(shading, lighting, layer, camera, mode, **rows)
 
     def shade_band(ids: NDArray[np.int32], begin: int, end: int) -> None:
-        ids_address = address_of(ids[begin:], np.int32)
-        shade_rows(mode, job_address, ids_address, 0, width, width, begin, end, target, output)
-        _ = job, keep  # their addresses are valid as long as this function is
+        band = np.zeros(1, SampleBand.dtype)
+        band["ids"] = address_of(ids[begin:], np.int32)
+        shade_rows(job.address, address_of(band, SampleBand.dtype), camera.width, begin, end)
 
     return lambda ids: for_bands(rasterizer, camera.height, partial(shade_band, ids))
 
@@ -216,89 +251,52 @@ def _solid_pixels(
     """Return a mask of the pixels where a layer is not cut out, (H, W)."""
     alpha = np.zeros((camera.height, layout.channel_values(camera.width)), np.float32)
     target = address_of(alpha, np.float32)
-    _layer_shader(rasterizer, shading, _no_lighting(), layer, camera, WRITE_ALPHA, target, 0)(layer.ids)
+    _layer_shader(rasterizer, shading, LightingJob(), layer, camera, WRITE_ALPHA, target=target)(layer.ids)
     solid: NDArray[np.bool_] = alpha[:, : camera.width] > 0.0
     return solid
 
 
-def _sampled_shader(
-    shading: ShadingScene, lighting: _Lighting, camera: Camera, output: int, view: SampledView
-) -> SampledShader:
-    """Return the shader of bands with several samples per pixel. ``output`` is the address of an StudioOutput."""
-    from renderers.visibility_buffer import SampledShader
+class LightingJob:
+    """A StudioLighting of an image, in its camera's frame."""
 
-    job, keep = _job(shading, lighting, view.X_camera_mesh, view.first_ids, camera)
-    shader = np.zeros(1, layout.StudioEdgeShader.dtype)
-    shader["shade_rows"] = kernel_address(shade_rows)
-    shader["job"] = address_of(job, layout.StudioInputs.dtype)
-    shader["width"] = camera.width
-    shader["output"] = output
-    shader_address = address_of(shader, layout.StudioEdgeShader.dtype)
-    return SampledShader(kernel_address(shade_edges), shader_address, (shader, job, keep))
-
-
-def _output(background: tuple[int, int, int], color: NDArray[np.uint8]) -> NDArray[Any]:
-    """Return an StudioOutput; its addresses are valid as long as ``color``."""
-    output = np.zeros(1, layout.StudioOutput.dtype)
-    output["background"] = [linear_from_srgb(value / 255.0) for value in background]
-    output["srgb_cells"] = address_of(SRGB_CELLS, np.int32)
-    output["color"] = address_of(color, np.uint8)
-    return output
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class _Lighting:
-    """StudioLighting of an image, in its camera's frame."""
-
-    struct: NDArray[Any]
-    """One StudioLighting."""
-    keep: tuple[object, ...]
-    """Objects that the addresses in ``struct`` point into."""
-
-
-def _no_lighting() -> _Lighting:
-    """Return a StudioLighting without lights and environment."""
-    struct = np.zeros(1, layout.StudioLighting.dtype)
-    stop = current_stop()
-    struct["stop"] = stop.address
-    return _Lighting(struct, (stop,))
+    def __init__(self, *keep: object, **fields: Any) -> None:
+        """
+        Args:
+            keep: objects that the addresses in ``fields`` point into.
+        """
+        struct, stop = np.empty(1, layout.StudioLighting.dtype), current_stop()
+        struct[0] = layout.StudioLighting.record(stop=stop.address, **fields)
+        self.address = address_of(struct, layout.StudioLighting.dtype)
+        """Valid while this object is alive."""
+        self._keep = (struct, stop, keep)
 
 
 def _lighting(
     rig: Rig, lights: Sequence[Light], shadow_maps: Sequence[ShadowMap], map_of_light: Sequence[int], camera: Camera
-) -> _Lighting:
+) -> LightingJob:
     """Return the StudioLighting of an image; ``map_of_light`` has the index of each light's shadow map, or -1."""
-    unlit = _no_lighting()
-    struct = unlit.struct
     light_array, map_array = light_structs(lights, map_of_light, camera), shadow_map_structs(shadow_maps, camera)
-    struct["lights"] = address_of(light_array, layout.StudioLight.dtype)
-    struct["light_count"] = len(lights)
-    struct["shadow_maps"] = address_of(map_array, layout.StudioShadowMap.dtype)
-    struct["shadow_radius"] = rig.shadow_radius
-    struct["R_world_camera"] = camera.X_world_camera[:3, :3].reshape(-1)
-    struct["exposure"] = rig.exposure
-    struct["tone"] = TONES.index(rig.tone)
-    environment = environment_of(rig.surroundings) if rig.surroundings is not None else None
-    if environment is not None:
-        struct["has_environment"] = 1
-        struct["environment_texels"] = address_of(environment.texels, np.float32)
-        struct["environment_tables"] = address_of(environment.tables, np.int32)
-        struct["split_sum"] = address_of(split_sum(), np.float32)
-        struct["split_sum_side"] = len(split_sum())
-    return _Lighting(struct, (*unlit.keep, light_array, map_array, shadow_maps, environment))
-
-
-def _job(
-    shading: ShadingScene,
-    lighting: _Lighting,
-    X_camera_mesh: NDArray[np.float64],
-    first_ids: NDArray[np.int64],
-    camera: Camera,
-) -> tuple[NDArray[Any], tuple[object, ...]]:
-    """Return a StudioInputs, and the objects that its addresses point into."""
-    ids_address, poses_address = address_of(first_ids, np.int64), address_of(X_camera_mesh, np.float64)
-    shading_job = ShadingJob(shading, camera, ids_address, poses_address, reads_positions=True, reads_flat_normals=True)
-    job = np.zeros(1, layout.StudioInputs.dtype)
-    job["shading"] = shading_job.address
-    job["lighting"] = address_of(lighting.struct, layout.StudioLighting.dtype)
-    return job, (shading_job, lighting, first_ids, X_camera_mesh)
+    environment, environment_fields = None, dict[str, int]()
+    if rig.surroundings is not None:
+        environment = environment_of(rig.surroundings)
+        environment_fields = {
+            "has_environment": 1,
+            "environment_texels": address_of(environment.texels, np.float32),
+            "environment_tables": address_of(environment.tables, np.int32),
+            "split_sum": address_of(split_sum(), np.float32),
+            "split_sum_side": len(split_sum()),
+        }
+    return LightingJob(
+        light_array,
+        map_array,
+        shadow_maps,
+        environment,
+        lights=address_of(light_array, layout.StudioLight.dtype),
+        light_count=len(lights),
+        shadow_maps=address_of(map_array, layout.StudioShadowMap.dtype),
+        shadow_radius=rig.shadow_radius,
+        R_world_camera=camera.X_world_camera[:3, :3].reshape(-1),
+        exposure=rig.exposure,
+        tone=TONES.index(rig.tone),
+        **environment_fields,
+    )

@@ -11,7 +11,7 @@ from typing import Final
 from renderers.compiler import simd as vec
 from renderers.compiler.device_function import device_function, inlined
 from renderers.compiler.jit import kernel
-from renderers.compiler.kernel_calls import call_kernel, is_set
+from renderers.compiler.kernel_calls import is_set
 from renderers.compiler.kernel_types import F32, I32, I64, U8, Address, Pointer, f32, i64
 from renderers.compiler.pointers import address, advance, allocate, f32_at, i32_at, release, stack_array
 from renderers.compiler.structs import Struct
@@ -20,13 +20,7 @@ from renderers.shading.interpolation import interpolate, pixel_columns
 from renderers.shading.layout import MAX_PART_PIXELS, ROW_STRIDE, PartPixels, PartSpans, ShadingContext
 from renderers.shading.span_setup import set_up_part
 from renderers.shading.spans import allocate_row_memory, bind_next_segment, find_part_end, find_spans, free_row_memory
-from renderers.shading.studio.layout import (
-    StudioEdgeShader,
-    StudioInputs,
-    StudioOutput,
-    StudioSurfaces,
-    channel_values_in_kernel,
-)
+from renderers.shading.studio.layout import StudioInputs, StudioSurfaces, channel_values_in_kernel
 from renderers.shading.studio.lighting import light_surfaces
 from renderers.shading.studio.material import ALPHA, COLOR, COLOR_AND_ALPHA, fill_surfaces
 from renderers.shading.studio.tone_mapping import write_image_row
@@ -205,37 +199,19 @@ def _clear(values: Pointer[F32], count: I64) -> None:
 
 
 @kernel
-def shade_rows(
-    mode: I64,
-    job_address: Address,
-    ids_address: Address,
-    band_address: Address,
-    stride: I64,
-    width: I64,
-    row_begin: I64,
-    row_end: I64,
-    target_address: Address,
-    output_address: Address,
-) -> None:
-    """Shade the rows ``row_begin .. row_end`` of a layer. Rows are independent of each other.
+def shade_rows(job_address: Address, band_address: Address, stride: I64, row_begin: I64, row_end: I64) -> None:
+    """Shade the rows ``row_begin .. row_end`` of a layer, as a ``visibility_buffer.SampledShader`` shades bands.
+
+    Rows are independent of each other.
 
     Args:
-        mode: ``ADD``, ``BENEATH``, ``EDGES`` or ``WRITE_ALPHA``.
-        job_address: address of a StudioInputs.
-        ids_address: address of the primitive ids of row ``row_begin``: int32 per pixel, -1 for none. The rows are
-            ``stride`` values apart.
-        band_address: address of the band's ``msaa.SampleBand``; read only for ``EDGES``.
-        target_address: address of (H, 4, channel_values(width)) float32, the accumulated rows of the image, or for
-            ``WRITE_ALPHA`` of (H, channel_values(width)) float32. 0: rows are finished and written to the output.
-        output_address: address of an StudioOutput; read only without ``target_address``.
+        job_address: a StudioInputs.
+        band_address: a SampleBand that begins with row ``row_begin``; without ``EDGES``, only its ``ids`` are set.
     """
-    channel_size = channel_values_in_kernel(width)
-    job, band, output = StudioInputs(job_address), SampleBand(band_address), StudioOutput(output_address)
-    max_pixels = width
-    if mode == EDGES:
-        max_pixels = max(width, band.max_entries)
+    job, band = StudioInputs(job_address), SampleBand(band_address)
+    mode, width, channel_size = job.mode, job.width, channel_values_in_kernel(job.width)
     context, row, surfaces = ShadingContext(), _StudioRow(), StudioSurfaces()
-    allocate_row_memory(context, job.shading, max_pixels, PartSpans(), PartPixels())
+    allocate_row_memory(context, job.shading, max(width, band.max_entries), PartSpans(), PartPixels())
     row.mode, row.channel_size, row.gathered = mode, channel_size, 0
     _clear(f32_at(address(surfaces)), _SURFACES_VALUES)  # loops overrun the gathered surfaces
     own_row, packed_row = f32_at(allocate(4 * 4 * channel_size)), i32_at(allocate(4 * channel_size))
@@ -245,11 +221,11 @@ def shade_rows(
         if is_set(stop):
             break
         band_row = y - row_begin
-        if target_address != 0:
-            row.accumulated = advance(f32_at(target_address), (1 if mode == WRITE_ALPHA else 4) * y * channel_size)
+        if job.target != 0:
+            row.accumulated = advance(f32_at(job.target), (1 if mode == WRITE_ALPHA else 4) * y * channel_size)
         else:
             _clear(row.accumulated, 4 * channel_size)
-        ids = advance(i32_at(ids_address), band_row * stride)
+        ids = advance(band.ids, band_row * stride)
         instance_index = _shade_row(job, context, row, y, ids, i64(0), width, instance_index)
         if mode == EDGES:
             mixed = advance(band.mixed, band_row * stride)
@@ -259,24 +235,8 @@ def shade_rows(
             columns, count = address(advance(band.entry_columns, first_entry)), i64(band.counts[band_row])
             row.weights = advance(band.entry_weights, first_entry)
             instance_index = _shade_row(job, context, row, y, ids, columns, count, instance_index)
-        if target_address == 0:
-            write_image_row(row.accumulated, output, y, width, packed_row)
+        if job.target == 0:
+            write_image_row(row.accumulated, job.output, y, width, packed_row)
     free_row_memory(context)
     release(address(own_row))
     release(address(packed_row))
-
-
-@kernel
-def shade_edges(shader_address: Address, band_address: Address, stride: I64, row_begin: I64, row_end: I64) -> None:
-    """Shade all surfaces of a band of samples, and write its rows; see ``visibility_buffer.SampledShader``.
-
-    Args:
-        shader_address: address of an StudioEdgeShader.
-        band_address: address of the band's ``msaa.SampleBand``.
-    """
-    shader, ids = StudioEdgeShader(shader_address), address(SampleBand(band_address).ids)
-    no_target = i64(0)
-    call_kernel(
-        shader.shade_rows,
-        (EDGES, shader.job, ids, band_address, stride, shader.width, row_begin, row_end, no_target, shader.output),
-    )

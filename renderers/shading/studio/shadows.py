@@ -13,7 +13,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Final
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,9 +24,7 @@ from renderers.compiler.pointers import address_of
 from renderers.drawlist import AlphaMode, DrawList, Instance, Light, LightKind, Topology
 from renderers.shading.depth_peeling import SolidPixels, draw_cut_outs
 from renderers.shading.studio.layout import StudioShadowMap
-
-if TYPE_CHECKING:  # the rasterizer imports the callers of this module
-    from renderers.visibility_buffer import Rasterizer, Visibility
+from renderers.visibility_buffer import Rasterizer, Visibility
 
 MAPS_PER_SCENE: Final = 8
 """Maximum number of cached maps per scene: two steps of the fit for each of four lights."""
@@ -39,7 +37,8 @@ _NORMAL_OFFSET: Final = 1.5
 _FIT_POINTS: Final = 4096
 """Approximate number of visible points that a map is fitted to."""
 _MAX_DEPTH_RATIO: Final = 1.5
-"""Points deeper than this factor times the third quartile of the visible depths receive no shadows."""
+"""Points deeper than this factor times the third quartile of the visible depths receive no shadows: a few of them would
+make a map's texels large."""
 _MAX_TEXEL_PIXELS: Final = 1.25
 """Maximum size of a texel in pixels of the image at the median distance. The filter takes five texels, so that finer
 texels are hardly visible."""
@@ -98,10 +97,15 @@ def visible_points(layer: Visibility, camera: Camera) -> NDArray[np.float64]:
     z = 1.0 / layer.inv_z[rows, columns][is_surface].astype(np.float64)
     if not z.size:
         return np.zeros((0, 3))
-    is_near = z <= _MAX_DEPTH_RATIO * np.quantile(z, 0.75)
-    x = (columns[is_surface] + 0.5 - camera.cx) / camera.fx * z
-    y = (rows[is_surface] + 0.5 - camera.cy) / camera.fy * z
-    points = np.stack((x, y, z), -1)[is_near]
+    return near_points(z, columns[is_surface], rows[is_surface], camera)
+
+
+def near_points(
+    z: NDArray[np.float64], columns: NDArray[np.intp], rows: NDArray[np.intp], camera: Camera
+) -> NDArray[np.float64]:
+    """Return the points of the world that pixels show at depths z, (n, 3), without distant ones."""
+    x, y = (columns + 0.5 - camera.cx) / camera.fx * z, (rows + 0.5 - camera.cy) / camera.fy * z
+    points = np.stack((x, y, z), -1)[z <= _MAX_DEPTH_RATIO * np.quantile(z, 0.75)]
     world: NDArray[np.float64] = points @ camera.X_world_camera[:3, :3].T + camera.X_world_camera[:3, 3]
     return world[np.isfinite(world).all(axis=-1)]
 

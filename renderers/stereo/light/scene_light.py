@@ -18,7 +18,7 @@ from renderers.camera import Camera
 from renderers.drawlist import Light, LightKind
 from renderers.light_rig import STUDIO, CameraLight
 from renderers.shading.camera_light import MIN_AMBIENT
-from renderers.shading.studio.shadows import light_camera, metres_per_pixel
+from renderers.shading.studio.shadows import light_camera, metres_per_pixel, near_points
 from renderers.stereo.light.levels import LightLevels
 
 _MIN_DISTANCE: Final = 1.0
@@ -32,23 +32,18 @@ _FIT_STEP: Final = 2
 """Pixels between the points that the shadow map is fitted to."""
 _TEXEL_PIXELS: Final = 2
 """Minimum size of a texel of the shadow map, pixels of the image."""
-_MAX_DEPTH_RATIO: Final = 1.5
-"""Maximum depth of the points that the shadow map is fitted to, relative to the third quartile of the depths: a few far
-points would make its texels large."""
 
 
 def camera_light(
     levels: LightLevels, position: NDArray[np.float64], lights: tuple[Light, ...], *, has_key_light: bool
 ) -> CameraLight:
-    """Return the light of images.
+    """Return the light of images, at the levels of its sources.
 
-    The scene's lights are dimmed by one factor if they would give more than the light 1 at the camera together:
-    lux and candela of glTF files have no exposure to go with them, and some have 100,000.
+    The scene's lights are dimmed by one factor if they would give more than the light 1 at the camera together: lux and
+    candela of glTF files have no exposure to go with them, and some have 100,000.
 
     Args:
-        levels: light of each source.
-        position: (3,), place of the lamp in the world.
-        lights: lights of the scene.
+        position: place of the lamp in the world.
         has_key_light: True: there is a key light, and no lamp.
     """
     at_camera = sum(_illuminance(light, position) for light in lights)
@@ -74,7 +69,6 @@ def shadow_camera(depth: NDArray[np.float32], camera: Camera, divisor: int) -> C
     """Return the camera of the shadow map, which looks along the key light; None if no point is visible.
 
     Args:
-        depth: (H, W) float32, metres, +inf: background.
         camera: camera of ``depth``.
         divisor: width of the images that get the light divided by that of ``depth``.
     """
@@ -83,10 +77,6 @@ def shadow_camera(depth: NDArray[np.float32], camera: Camera, divisor: int) -> C
     rows, columns = np.nonzero(np.isfinite(z))
     if not rows.size:
         return None
-    z = z[rows, columns]
-    x = (columns * _FIT_STEP + start + 0.5 - camera.cx) / camera.fx * z
-    y = (rows * _FIT_STEP + start + 0.5 - camera.cy) / camera.fy * z
-    near = z <= _MAX_DEPTH_RATIO * np.quantile(z, 0.75)
-    points = np.stack((x, y, z), axis=-1)[near] @ camera.X_world_camera[:3, :3].T + camera.X_world_camera[:3, 3]
+    points = near_points(z[rows, columns], columns * _FIT_STEP + start, rows * _FIT_STEP + start, camera)
     texel_metres = _TEXEL_PIXELS / divisor * metres_per_pixel(points, camera)
     return light_camera(STUDIO.lights[0], points, MAX_SHADOW_SIDE, texel_metres)
