@@ -86,7 +86,7 @@ class Frame:
     """(H, W, 3) float32, unit normal in the camera's optical frame, facing the camera; 0 without a surface."""
     lamp_share: NDArray[np.float32] | None = None
     """(H, W + 8) float32, cosine of the lamp of ``Look.camera_light`` divided by all its light, of opaque surfaces; 1
-    on unlit ones and in other looks, about 0 on the background. Needs a colour image with one sample per pixel."""
+    on unlit ones, on the background and in other looks. Needs a colour image with one sample per pixel."""
     key_factor: NDArray[np.float32] | None = None
     """(H, W + 8) float32, factor of at most 4 by which ``CameraLight.key`` brightens opaque surfaces; 1 on points, on
     lines and on the background. Needs a colour image with one sample per pixel."""

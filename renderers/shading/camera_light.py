@@ -243,13 +243,10 @@ def light_pixels(light: CameraLightInputs, context: ShadingContext, count: I64, 
         total = lamp * cosine + ambient + (red + green + blue) * vec.f32(1.0 / 3.0)
         _store_light_images(light, images, pixel, count, normal, point, total)
         if address(lamp_share) != 0:
-            # Smooth metals reflect dots away from the camera. Limited, and not NaN: the last store overruns into what
-            # may be the background.
-            width = roughness * roughness
-            scattered = one - metallic * (one - width * width)
-            share = vec.maximum(scattered * cosine / total, zero)
+            width = roughness * roughness  # smooth metals reflect dots away from the camera
+            share = vec.maximum((one - metallic * (one - width * width)) * cosine / total, zero)  # NaN: 0
             share = vec.minimum(share, vec.f32(1.0 / MIN_AMBIENT))
-            vec.store(lamp_share, pixel, share)
+            vec.store_where(lamp_share, pixel, vec.iota() < vec.i32(count - pixel), share)
         # Schlick's (1 - h . l)^5 is below 1e-8 for a lamp that is 8 cm beside the camera and 0.3 m from the surface.
         store3(pixels.normal, pixel, ROW_STRIDE, (n_l * lamp, specular * lamp, zero))
         store3(pixels.scratch_color, pixel, ROW_STRIDE, (red + ambient, green + ambient, blue + ambient))

@@ -93,13 +93,10 @@ def _shade_unlit(
     """Show the base colour."""
     direct, material, pixels = job.mode == DIRECT, context.material, context.pixels
     is_linear = material.encodes_gamma != 0
-    lamp_share = _row_of(job, job.lamp_share, context, begin)
     for pixel in range(0, count, vec.LANES):
         _store_pixels(
             job, pixels, is_linear, direct, packed_row, begin, pixel, _base_color(material, pixels, has_rows, pixel)
         )
-        if address(lamp_share) != 0:  # the segment before overran it
-            vec.store(lamp_share, pixel, vec.f32(1.0))
 
 
 @inlined
