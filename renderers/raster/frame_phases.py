@@ -30,9 +30,7 @@ def run_phases(frame_address: Address, until_finished: bool) -> None:
     """Work on a frame together with other threads. A call that comes late finds nothing left to do.
 
     The RasterFrame must live until all calls have returned. What it points to must live until the frame is finished.
-
-    Each call has its own ``band_memory``: call k has ``band_memory_bytes`` from ``band_memory_base`` + k x this number
-    on. There is memory for ``max_threads`` calls. ``frame_threads`` makes at most ``Task.threads``, which are not more.
+    Each call takes the next ``band_memory_bytes`` of ``band_memory_base``, which has room for ``max_threads`` calls.
 
     Args:
         until_finished: return when the frame is finished; otherwise as soon as no band is left to take.
@@ -94,7 +92,7 @@ def _draw_shade_resolve(frame: RasterFrame, first_row: I64, end_row: I64, band_m
     """Draw, shade and resolve one band; ``band_memory``: as for ``set_band_layer``."""
     call_kernel(frame.draw_kernel, (address(frame), first_row, end_row, band_memory, COLOR_FACES))
     if frame.shade_kernel != 0:
-        # Shading knows no RasterFrame: it gets its own job, and band_memory, which begins with the primitive ids.
+        # Shading has a job of its own, and reads the primitive ids, with which band_memory begins.
         call_kernel(frame.shade_kernel, (frame.shade_job, band_memory, first_row, end_row))
     if frame.first_back_bin != 0:  # depth and labels show kept back faces; the colour, shaded before, does not
         call_kernel(frame.draw_kernel, (address(frame), first_row, end_row, band_memory, KEPT_BACK_FACES))

@@ -22,13 +22,13 @@ SUBPIXEL: Final = 1 << SUBPIXEL_BITS
 HALF_PIXEL: Final = SUBPIXEL // 2
 """Grid units from a pixel's border to its centre."""
 GUARD_BAND: Final = 32760.0
-"""Pixels: triangles with a vertex farther than this from pixel (0, 0), across or down, are clipped. So coordinates are
-below 2^15 pixels, 2^23 grid units, exact in float32, and edge functions below 2^50, exact in float64 and int64."""
+"""Maximum distance of a vertex from pixel (0, 0), across and down, pixels; triangles beyond are clipped. So coordinates
+are below 2^15 pixels, 2^23 grid units, exact in float32. Edge functions are below 2^50, exact in float64."""
 BEFORE_NEAR_PLANE: Final = -2.0
 """In place of 1/z of a vertex that is nearer than the near plane, or whose z is not a number."""
 OUTSIDE_GUARD_BAND: Final = -1.0
-"""In place of 1/z of a vertex that is outside the guard band, or whose x or y is not a number. The order is
-BEFORE_NEAR_PLANE < OUTSIDE_GUARD_BAND < 0 < 1/z."""
+"""In place of 1/z of a vertex that is outside the guard band, or whose x or y is not a number. It lies between
+BEFORE_NEAR_PLANE and every 1/z, so that the minimum and the maximum over a triangle tell what it needs."""
 MAX_SIDE: Final = 16384
 """Maximum image width and height, pixels: half of the guard band, which leaves room around the image."""
 MAX_POINT_SIZE: Final = 1024
@@ -38,14 +38,14 @@ CHUNK_SIZE: Final = 1024
 """Maximum number of primitives of a chunk. It does not depend on the number of threads, and so neither does the drawing
 order."""
 TINY_SIDE: Final = 4
-"""Triangles of at most TINY_SIDE x TINY_SIDE pixel centres are rasterized in setup, which keeps their fragments: pixel,
-1/z and id."""
+"""Triangles of at most TINY_SIDE x TINY_SIDE pixel centres are rasterized in setup. It keeps their fragments: a pixel
+with its 1/z and primitive id."""
 MAX_TINY_FRAGMENTS: Final = 4 * CHUNK_SIZE
 """Maximum fragments of a chunk's tiny triangles. When there is no more room, they become small triangles."""
 KEPT_BACK_BIT: Final = -(1 << 31)
 """Set in the ``Chunk.fragment_pixels`` of back faces that are kept."""
 FRAGMENT_CAPACITY: Final = MAX_TINY_FRAGMENTS + 8
-"""Fragments that a chunk has memory for: vectors are stored whole, up to seven values beyond the last fragment."""
+"""Fragments that a chunk has memory for. Whole vectors are stored, up to seven values beyond the last fragment."""
 CHUNK_WORDS: Final = CHUNK_SIZE + 3 * FRAGMENT_CAPACITY
 """Words of four bytes of a chunk's memory: its ranges of bins, then its fragments' pixels, 1/z and ids."""
 MAX_SMALL_WIDTH: Final = 64
@@ -69,11 +69,11 @@ KIND_CLIPPED: Final = 1
 """A triangle that crosses the near plane or leaves the guard band. geometry: column and row of the origin; index of the
 draw. Origin: the first pixel of the triangle's box in the image."""
 KIND_LINE: Final = 2
-"""geometry: x0 y0 x1 y1 of the ends, and half the width, grid units; the origin, its row in the high half of the value.
+"""geometry: x0 y0 x1 y1 of the ends, and half the width, grid units; then the origin, packed as row << 16 | column.
 Origin: the first pixel of the line's box in the image."""
 KIND_POINT: Final = 3
-"""geometry: left, top, right and bottom of its square. With one sample per pixel, they are columns and rows, cut to the
-image, right and bottom excluded; with several, grid units. Origin: any pixel, since 1/z is constant."""
+"""geometry: left, top, right and bottom of its square. With several samples per pixel, these are grid units; with one,
+columns and rows of the image, right and bottom excluded. Origin: any pixel, since 1/z is constant."""
 KIND_SMALL: Final = 4
 """The struct is a SmallTriangle, which has the same size, and ``id`` and ``kind`` at the same place."""
 
@@ -90,8 +90,8 @@ class Primitive(Struct):
 
 
 class SmallTriangle(Struct):
-    """Sixteen words, two vector loads: up to ``kind``, and the rest (see ``small_triangles``). ``id`` and ``kind`` are
-    where Primitive has them. The changes of the third edge are not stored: the three sum to 0."""
+    """Sixteen words: a vector up to ``kind``, and another one (see ``small_triangles``). Primitive has ``id`` and
+    ``kind`` at the same places. The changes of the third edge are not stored, since those of all three sum to 0."""
 
     edge_base: Pointer[I32] = inline(3)  # edge functions at the box's first pixel centre; inside where all are >= 0
     edge_dx: Pointer[I32] = inline(2)  # change per column of the first two
@@ -148,8 +148,8 @@ class Draw(Struct):
 class Chunk(Struct):
     """Primitives that are set up together, and searched by each band that they touch.
 
-    A bin is only a number, which bands look for in ``bin_ranges``. Bin ``k`` means band ``k``. Back faces that are kept
-    are drawn later than the others, after shading: for them, band ``k`` is bin ``RasterFrame.first_back_bin + k``."""
+    A bin is only a number that a band looks for in ``bin_ranges``. Band ``k`` looks for ``k``, and after shading for
+    ``RasterFrame.first_back_bin + k``: for the back faces that are kept, which colour does not show."""
 
     primitives: Primitive  # (CHUNK_SIZE,): those that may be visible, in the order of their ids
     bin_ranges: Pointer[I32]  # (CHUNK_SIZE,): last << 16 | first bin that each of them touches
@@ -265,7 +265,7 @@ class RasterFrame(Struct):
     chunks_per_unit: I64
     unit_counts: Pointer[I64] = inline(PHASE_COUNT)
 
-    # Progress, written while threads work.
+    # Progress, written while threads work; pointers, as atomic operations need.
     threads_started: Pointer[I64] = inline(1)
     units_taken: Pointer[I64] = inline(PHASE_COUNT)
     units_done: Pointer[I64] = inline(PHASE_COUNT)

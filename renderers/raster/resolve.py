@@ -2,8 +2,8 @@
 
     primitive id of a pixel ──▶ instance ──▶ its label, its instance_id    1/z ──▶ depth, infinite where nothing is seen
 
-Eight pixels at a time. Most see the same instance as the pixels before: their ids are compared with the range of that
-instance before any search.
+Eight pixels at a time. Most see the same instance as the pixels before. So their ids are compared with its range of ids
+first, and only others are searched.
 """
 
 from __future__ import annotations
@@ -23,11 +23,10 @@ from renderers.drawlist import LABEL_NONE
 from renderers.primitive_ids import instance_of
 from renderers.raster.layout import Layer, RasterFrame, set_band_layer
 
-_BACKGROUND_LABEL: Final = int(np.uint32(LABEL_NONE).astype(np.int32))
 _BACKGROUND_INSTANCE_ID: Final = -1
 _PREFETCH_DISTANCE: Final = 1024
-"""Values by which a prefetch is ahead of the store. A store to a line that is not in the cache reads the line first.
-Processors prefetch by themselves, but only to the end of a page: 1,024 values, 4 KiB, ahead is in the next page."""
+"""Values by which a prefetch is ahead of the store: 4 KiB. A store to a line that is not in the cache waits for the
+line. Processors fetch lines ahead by themselves, but only within a page of 4 KiB."""
 
 
 @kernel
@@ -43,7 +42,7 @@ def resolve_band(frame_address: Address, first_row: I64, end_row: I64, band_memo
             _resolve_depth_row(row_inv_z, row_ids, advance(f32_at(frame.depth_out), out_row_start), frame.width)
         if frame.label_out != 0:
             out = advance(i32_at(frame.label_out), out_row_start)
-            _resolve_instance_row(frame, row_ids, frame.labels, _BACKGROUND_LABEL, out)
+            _resolve_instance_row(frame, row_ids, frame.labels, LABEL_NONE, out)
         if frame.instance_out != 0:
             out = advance(i32_at(frame.instance_out), out_row_start)
             _resolve_instance_row(frame, row_ids, frame.instance_ids, _BACKGROUND_INSTANCE_ID, out)
@@ -53,12 +52,7 @@ def resolve_band(frame_address: Address, first_row: I64, end_row: I64, band_memo
 
 @device_function
 def _resolve_depth_row(row_inv_z: Pointer[F32], row_ids: Pointer[I32], out: Pointer[F32], width: I64) -> None:
-    """Write the depth of one row.
-
-    Args:
-        row_inv_z, row_ids: 1/z and primitive ids of the row's pixels, readable to a multiple of eight.
-        out: ``width`` float32, metres.
-    """
+    """Write the depths of a row, whose pixels are readable to a multiple of eight."""
     one, no_depth, zero = vec.f32(1.0), vec.f32(np.inf), vec.i32(0)
     for column in range(0, width, vec.LANES):
         visible = vec.load(row_ids, column) >= zero
@@ -80,13 +74,7 @@ def _store_columns(out: Pointer[Number], column: I64, width: I64, values: Lanes)
 def _resolve_instance_row(
     frame: RasterFrame, row_ids: Pointer[I32], instance_values: Pointer[I32], background: I64, out: Pointer[I32]
 ) -> None:
-    """Write the value of the instance that each pixel of a row sees.
-
-    Args:
-        row_ids: primitive ids of the row's pixels, readable to a multiple of eight.
-        instance_values: (instance_count,), such as labels.
-        background: value where nothing is seen.
-    """
+    """Write the value, such as the label, of the instance that each pixel of a row sees, or the background's."""
     first_ids, width = frame.first_ids, frame.width
     # The instance looked up last, its value and its range of primitive ids, which is empty at first.
     cached_index, cached_value, cached_first_id, cached_end_id = i64(0), i32(0), i64(0), i64(0)

@@ -1,8 +1,8 @@
 """Coverage of small triangles, up to 64 x 128 pixels, in one band.
 
-    1. ``find_small_spans``: the span of covered columns in each row, eight rows at a time, one per lane; and the blocks
-       of eight columns and four rows that have any covered pixel (``_block_masks``);
-    2. ``draw_small``: the depth test of these blocks, a row of eight pixels at a time.
+    1. ``find_small_spans`` finds the span of covered columns in each row, eight rows at a time, one per lane; and the
+       blocks of eight columns and four rows that have any covered pixel.
+    2. ``draw_small`` makes the depth test in these blocks, a row of eight pixels at a time.
 
           columns  0      7 8     15
                   +--------+--------+
@@ -12,12 +12,14 @@
         rows 4..7 |        |###     |
                   +--------+--------+
 
-In a row, each of the three edge functions is edge + c edge_dx at column c, counted from the box's first. From pixel to
-pixel, it changes by multiples of 256. So all is divided by 256: with scaled_edge = (edge >> 8) + 1/2 and scaled_dx =
-edge_dx >> 8, column c is inside where scaled_edge + c scaled_dx > 0. The edge *limits* the covered columns on one side,
-at q = -scaled_edge / scaled_dx, which is never an integer. So floor(q + 1) is the first column right of q. If the limit
-is on the left, this is the first covered column. If it is on the right, this is the end, the column after the last
-covered one. ``_limit_by_edge`` says why float32 is exact here.
+In a row, the edge function of each of the three edges has the value ``edge + c edge_dx`` at column c, counted from the
+first column of the triangle's box. A pixel is inside where none of the three is negative.
+
+A pixel is 256 grid units wide, so that edge_dx is a multiple of 256, and edge can be divided by 256 without a change of
+sign: with scaled_edge = (edge >> 8) + 1/2 and scaled_dx = edge_dx >> 8, column c is inside where scaled_edge +
+c scaled_dx > 0. The 1/2 keeps this sum from being 0. So each edge limits the span on one side, at q = -scaled_edge /
+scaled_dx. The first column right of q is floor(q + 1). It is the first covered column if the edge is on the left, and
+the column after the last covered one if it is on the right. ``_limit_by_edge`` says why float32 is exact here.
 """
 
 from __future__ import annotations
@@ -52,7 +54,7 @@ _BITS_PER_GROUP: Final = 2 * _BITS_PER_BLOCK_ROW
 """Bits of a group's two block rows in a mask. Four groups are a band."""
 _LOG2_BLOCK_COLUMNS: Final = vec.LANES.bit_length() - 1
 """``column >> _LOG2_BLOCK_COLUMNS`` is the block of a column."""
-# A row of an unaligned box touches one block more than its width has. Two masks have a bit for each.
+# A box that does not begin at a multiple of eight touches one block more than 64 / 8. Two masks have bits for 16.
 assert MAX_SMALL_WIDTH // vec.LANES + 1 <= 2 * _BITS_PER_BLOCK_ROW
 assert BAND_ROWS == 4 * _GROUP_ROWS
 # Two vectors have all fields of a SmallTriangle: the first ends with ``kind``, the second begins with ``edge1_dy``.
@@ -66,8 +68,8 @@ class SmallTriangleSpans(Struct):
     row_inv_z: Pointer[F32] = inline(BAND_ROWS)  # of each row: 1/z at the box's first column
     span_begin_in_box: Pointer[I32] = inline(BAND_ROWS)  # of each row: first covered column, from the box's first on
     span_length: Pointer[I32] = inline(BAND_ROWS)  # of each row: number of covered columns
-    # Masks of the blocks with any covered column. Byte r of the first one: blocks 0 to 7 of block row r, from the left,
-    # in bits 0 to 7. Byte r of the second: block 8, since a box that is not aligned touches up to nine.
+    # Masks of the blocks with any covered column. Byte r belongs to block row r: its bit k to block k from the left in
+    # the first mask, and to block 8 + k in the second one.
     block_masks: Pointer[I64] = inline(2)
     groups_top: I64  # first row of the first group, in the image
     row_count_in_band: I64  # number of the groups' rows that are in the band
@@ -76,7 +78,7 @@ class SmallTriangleSpans(Struct):
 
 
 class _ScanlineEdges(NamedTuple):
-    """Three edge functions, divided by 256, and the factors that make column limits of them; in all lanes alike."""
+    """The three scaled edge functions, and the factors that make column limits of them; in all lanes alike."""
 
     base: F32x8x3
     """``scaled_edge`` in row 0 of the box."""
@@ -97,13 +99,14 @@ def find_small_spans(
     box_left, box_top, box_right, box_bottom = box_of(triangle)
     top, bottom = max(box_top, first_row), min(box_bottom, end_row)
     left, right = max(box_left, i64(0)), min(box_right, frame.width)
-    # Aligned, so that a load overlaps exactly one earlier store (store forwarding), and no vector crosses a cache line.
+    # With blocks at multiples of eight pixels, no vector crosses a cache line, and each load reads what one earlier
+    # store has written, which processors forward without waiting for the cache.
     aligned_left = left & ~i64(vec.LANES - 1)
     aligned_left_in_box = aligned_left - box_left
     group_count = (bottom - top + _GROUP_ROWS - 1) // _GROUP_ROWS
     groups_top = _groups_top(top, end_row, group_count, first_row)
 
-    # Spans, 1/z and blocks of eight rows at a time. Rows may lie above or below the box: no column is covered there.
+    # Spans, 1/z and blocks of eight rows at a time. In rows above and below the box, no column is covered.
     edges = _load_edges(triangle)
     inv_z_base, inv_z_dy = vec.f32(triangle.inv_z_base), vec.f32(triangle.inv_z_dy)
     rows_in_box = vec.to_f32(vec.i32(groups_top - box_top) + vec.iota())
@@ -130,8 +133,8 @@ def find_small_spans(
 def draw_small(frame: RasterFrame, layer: Layer, depth_rule: I64, spans: SmallTriangleSpans) -> None:
     """Draw a triangle with the spans of ``find_small_spans``; ``depth_rule`` as for ``depth_test``.
 
-    The loop over the set bits of a mask skips blocks without a covered pixel, about half of a box. It has one
-    misprediction per triangle, where a loop over the columns of each row would have one per row.
+    The loop over the set bits of a mask skips blocks without a covered pixel, about half of a box. A processor
+    mispredicts its end once per triangle. It would mispredict the ends of loops over the columns once per row.
     """
     # Both masks in one loop: with a copy of its body for each, draw_band would take longer to compile.
     for mask_index in range(1 if spans.block_masks[1] == 0 else 2):
@@ -159,7 +162,7 @@ def _draw_block(
     for row in range(block_top, min(block_top + _BLOCK_ROWS, spans.row_count_in_band)):
         inv_z = vec.f32(spans.row_inv_z[row]) + inv_z_from_box_left
         inv_z = vec.minimum(vec.maximum(inv_z, inv_z_min), inv_z_max)
-        # One comparison of unsigned numbers tells whether a column is in the span.
+        # Unsigned, columns before the span are large numbers: one comparison tests both ends.
         column_in_span = columns_in_box - vec.i32(spans.span_begin_in_box[row])
         covered = vec.less_unsigned(column_in_span, vec.i32(spans.span_length[row]))
         depth_test(frame, layer, depth_rule, pixel, inv_z, covered, ids)
@@ -170,15 +173,15 @@ def _draw_block(
 def _groups_top(top: I64, end_row: I64, group_count: I64, first_row: I64) -> I64:
     """Return the first row of the first group, for a triangle that begins in row ``top``.
 
-    It is ``top``, or a smaller row near the band's end, so that the last group has no rows of the next band::
+    It is ``top``, unless the last group would have rows of the next band::
 
         row  0   the band begins
-        row 16   the groups begin: rows 16 to 23, and 24 to 31
+        row 16   so the groups begin here: rows 16 to 23, and 24 to 31
         row 18   the triangle begins; groups from here on would be 18 to 25, and 26 to 33
         row 32   the next band begins, and the triangle goes on
 
-    The groups do not start above the band. If the image's last band has fewer rows than they, ``_draw_block`` skips the
-    rest (``row_count_in_band``).
+    They never begin above the band. The image's last band may have fewer rows than a group: ``_draw_block`` skips those
+    beyond it (``row_count_in_band``).
     """
     return max(min(top, end_row - _GROUP_ROWS * group_count), first_row)
 
@@ -187,8 +190,8 @@ def _groups_top(top: I64, end_row: I64, group_count: I64, first_row: I64) -> I64
 def _load_edges(triangle: SmallTriangle) -> _ScanlineEdges:
     """Return the edge functions of a triangle, in all lanes.
 
-    Two vector loads take a third of the instructions that a scalar load of each field would. Lanes of other fields are
-    shifted and converted, too, but not used.
+    Two vector loads take a third of the instructions that a load of each field would. Fields that are no edge functions
+    are shifted and converted with them, and not used.
     """
     words, shift = i32_at(address(triangle)), vec.i32(SUBPIXEL_BITS)
     first, second = vec.to_f32(vec.load(words, 0) >> shift), vec.to_f32(vec.load(words, vec.LANES) >> shift)
@@ -204,9 +207,9 @@ def _load_edges(triangle: SmallTriangle) -> _ScanlineEdges:
     lane = vec.iota()
     scaled_dx = vec.select(lane == vec.i32(0), dx0, vec.select(lane == vec.i32(1), dx1, dx2))
     factor = vec.f32(-1.0) / scaled_dx
-    # A positive scaled_dx limits columns on the left, a negative one on the right. A horizontal edge, 0, limits them on
-    # the left, with the factor -inf. Its limit is -inf where scaled_edge is positive: all columns are inside. Elsewhere
-    # it is +inf: none is. scaled_dx is never -0, which would exchange the two: dx2 = 0 - dx0 - dx1 is +0 if dx1 = -dx0.
+    # A positive scaled_dx limits columns on the left, a negative one on the right. A horizontal edge has 0, and so the
+    # factor -inf, on the left. Times a positive scaled_edge it is -inf: all columns are inside. Times a negative one it
+    # is +inf: none is. That needs +0: dx2 = 0 - dx0 - dx1 is never -0.
     left = vec.select(scaled_dx >= zero, factor, no_limit)
     right = vec.select(scaled_dx >= zero, no_limit, factor)
     return _ScanlineEdges(
@@ -239,8 +242,8 @@ def _covered_columns(
     left_limit, right_limit = _limit_by_edge(box_left_limit, box_right_limit, edges, 0, rows_in_box)
     left_limit, right_limit = _limit_by_edge(left_limit, right_limit, edges, 1, rows_in_box)
     left_limit, right_limit = _limit_by_edge(left_limit, right_limit, edges, 2, rows_in_box)
-    # Nearly horizontal edges may limit a row anywhere: minimum and maximum keep their limits within int32. to_i32
-    # rounds toward 0. This is floor here: no value is negative, since left_limit >= box_left_limit >= -1/2.
+    # Nearly horizontal edges may have limits beyond int32, which minimum and maximum keep out. to_i32 rounds toward 0.
+    # This is floor here, as no value is negative: left_limit >= box_left_limit >= -1/2.
     begin = vec.to_i32(vec.minimum(left_limit, box_right_limit) + one)
     end = vec.to_i32(vec.maximum(right_limit + one, vec.f32(0.0)))
     return begin, vec.maximum(end - begin, vec.i32(0))

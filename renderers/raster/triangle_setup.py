@@ -2,12 +2,12 @@
 
     vertices of a draw ─▶ corners ─▶ on the grid of 1/256 pixel ─▶ box ─▶ by size:
 
-        tiny     at most 4 x 4 pixels     ``tiny_triangles``: fragments in the Chunk, if it has room
+        tiny     at most 4 x 4 pixels     ``tiny_triangles`` rasterizes them here, if the Chunk has room for fragments
         small    at most 64 x 128         SmallTriangle: edge functions in int32, plane of 1/z in float32
         general  larger, with very different depths, or to be clipped    Primitive, one at a time: ``primitive_setup``
 
-Triangles are dropped on the way if they are nearer than the near plane, farther than the far plane, off the image,
-without area, hidden by their convex mesh, or culled and not kept.
+Dropped on the way: triangles nearer than the near plane, beyond the far plane, off the image or without area; back
+faces that a convex mesh hides; and those that are culled, unless depth and labels show them.
 """
 
 from __future__ import annotations
@@ -60,7 +60,7 @@ class _LaneBits(NamedTuple):
     general: I64
     """Those that ``small`` cannot have: large, to be clipped, or with depths beyond MAX_SMALL_DEPTH_RATIO."""
     culled: I64
-    """Those whose visible side is culled. They are in ``small``, too, if the frame keeps culled faces for its depth."""
+    """Those whose visible side is culled. If the frame keeps them for its depth, they are in ``small``, too."""
 
 
 @device_function
@@ -103,7 +103,7 @@ def _set_up_eight_triangles(
     fits_small = _fits_small(box, corners.inv_z)
     general_bits = vec.movemask((in_image & ~fits_small) | needs_clipping)
 
-    # Cull small ones. The area of general ones may overflow int32; primitive_setup culls these.
+    # Cull small ones. The area of general ones may overflow int32: primitive_setup culls them.
     area = (gx[1] - gx[0]) * (gy[2] - gy[0]) - (gx[2] - gx[0]) * (gy[1] - gy[0])
     is_counterclockwise = area < vec.i32(0)
     area_sign = vec.select(is_counterclockwise, vec.i32(-1), vec.i32(1))
@@ -207,7 +207,8 @@ def _append_primitives(
         pending &= pending - 1
         primitive = chunk.primitives[chunk.primitive_count]  # append_primitive keeps it only if it touches a bin
         if bit & bits.small:
-            words = i32_at(address(primitive))  # one by one: often few are kept, so that a transpose would not pay
+            # Word by word: often few of eight are kept, so that transposing all would not pay.
+            words = i32_at(address(primitive))
             for field in range(SMALL_FIELD_COUNT):
                 words[field] = small_fields[vec.LANES * field + lane]
             _, top, _, bottom = box_of(SmallTriangle(address(primitive)))

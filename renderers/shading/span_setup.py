@@ -69,9 +69,10 @@ class CornerAttributes(NamedTuple, Generic[VertexValues]):
 
 
 class CornerIndexPointers(NamedTuple):
-    """Pointers into a mesh's array of indices. Lane k has the vertices a[i], b[i] and c[i], with i = index_offset[k].
+    """Where the indices of eight primitives' vertices are. Lane k has the vertices a[i], b[i] and c[i], with
+    i = index_offset[k].
 
-    So b and c are a, moved by 1 and 2 entries for triangles. Lines, 1 and 1, and points, 0 and 0, repeat a vertex."""
+    Of triangles, b and c point 1 and 2 entries behind a. Lines and points repeat their last vertex."""
 
     a: Pointer[U32]
     b: Pointer[U32]
@@ -127,7 +128,7 @@ def _set_up_eight_spans(context: ShadingContext, span: I64, span_count: I64, slo
     Return True if the normal is constant along each span.
     """
     spans, material, attribute_bits = context.part_spans, context.material, context.used_attribute_bits
-    # Pixels and primitive. Lanes beyond the last span get its values: what follows it may belong to other instances.
+    # Pixels and primitives. Lanes beyond the last span repeat it: what follows may belong to other instances.
     source_lane = vec.minimum(vec.iota(), vec.i32(span_count - 1))
     primitive_id = vec.permute(vec.load(context.span_primitive_ids, span), source_lane)
     first_pixel = vec.permute(vec.load(context.span_starts, span), source_lane)
@@ -230,24 +231,24 @@ def _weighted_sum3(weights: F32x8x3, corner_values: CornerAttributes[F32x8x8], k
 def _store_attributes(
     rows: Pointer[F32],
     component_count: I64,
-    upper_weights: F32x8x3,
-    lower_weights: F32x8x3,
+    first_weights: F32x8x3,
+    second_weights: F32x8x3,
     corner_values: CornerAttributes[VertexValues],
     first_component: I64,
 ) -> None:
-    """Store weighted sums of the components from ``first_component`` on, one a row: by ``upper_weights`` in the first
-    ``component_count`` rows, by ``lower_weights`` in as many rows below them."""
+    """Store weighted sums of ``component_count`` components, one a row: by ``first_weights``, and below them in as many
+    rows by ``second_weights``."""
     for j in range(component_count):
-        vec.store(rows, j * ROW_STRIDE, _weighted_sum(upper_weights, corner_values, first_component + j))
-        lower_row = (component_count + j) * ROW_STRIDE
-        vec.store(rows, lower_row, _weighted_sum(lower_weights, corner_values, first_component + j))
+        vec.store(rows, j * ROW_STRIDE, _weighted_sum(first_weights, corner_values, first_component + j))
+        second_row = (component_count + j) * ROW_STRIDE
+        vec.store(rows, second_row, _weighted_sum(second_weights, corner_values, first_component + j))
 
 
 @inlined
-def _store_weight_sums(rows: Pointer[F32], upper_weights: F32x8x3, lower_weights: F32x8x3) -> None:
-    """Store the sum of ``upper_weights`` in row 0, and that of ``lower_weights`` in row 1."""
-    vec.store(rows, 0, upper_weights[0] + upper_weights[1] + upper_weights[2])
-    vec.store(rows, ROW_STRIDE, lower_weights[0] + lower_weights[1] + lower_weights[2])
+def _store_weight_sums(rows: Pointer[F32], first_weights: F32x8x3, second_weights: F32x8x3) -> None:
+    """Store the sum of ``first_weights``, and in the row below it that of ``second_weights``."""
+    vec.store(rows, 0, first_weights[0] + first_weights[1] + first_weights[2])
+    vec.store(rows, ROW_STRIDE, second_weights[0] + second_weights[1] + second_weights[2])
 
 
 @inlined

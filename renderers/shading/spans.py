@@ -2,9 +2,9 @@
 
 primitive ids   7 7 7 7 3 3 9 9 9 . . 7     instance A has the ids 0 to 8, B those from 9 on; MAX_PART_PIXELS is 4 here
 start bits      1 0 0 0 1 0 1 0 1 1 0 1     ``find_spans``: the id differs from the one before, or pixel 0, 4, 8, ...
-spans           |7      |3  |9  |9|.  |7    a . is the background, whose segments have no instance and are not shaded
+spans           |7      |3  |9  |9|.  |7    a . is the background, whose segments have no instance
 segments        |A          |B    |   |A    ``bind_next_segment`` selects the segment's instance and material
-parts           |       |   |   | |   |     ``find_part_end``: segments are cut at pixels 4, 8, ..., and shaded by parts
+parts           |       |   |   | |   |     ``find_part_end`` cuts segments at pixels 4, 8, ...; parts are shaded
 
 The ``shade_rows`` of a look calls these functions in this order.
 """
@@ -76,12 +76,12 @@ def allocate_row_memory(
 ) -> None:
     """Set inputs and memory of a ShadingContext, for rows of at most ``max_pixels``; ``free_row_memory`` frees it."""
     context.inputs, context.part_spans, context.pixels = inputs, part_spans, pixels
-    # ``interpolation`` reads words up to pixel_count // 64 + 1, and does not use bits of pixels from pixel_count on.
+    # One word more than the row has: ``interpolation`` reads the next one, too.
     context.start_bits = i64_at(allocate(8 * (max_pixels // _PIXELS_PER_WORD + 2)))
-    # At most as many spans as pixels; ``find_spans`` stores a whole vector where the last one ends.
+    # As many spans as pixels, and a vector, which ``find_spans`` stores where the last one ends.
     context.span_starts = i32_at(allocate(4 * (max_pixels + vec.LANES)))
     context.span_primitive_ids = i32_at(allocate(4 * (max_pixels + vec.LANES)))
-    # The padding of ``_pad_ids``: a vector before the row, and a word's pixels after it.
+    # A vector before the row and a word's pixels after it, for ``_pad_ids``.
     context.padded_ids = i32_at(allocate(4 * (vec.LANES + max_pixels + _PIXELS_PER_WORD)))
 
 
@@ -107,12 +107,17 @@ def find_spans(context: ShadingContext, y: I64, columns: Address, pixel_ids: Poi
     for word_start in range(0, pixel_count, _PIXELS_PER_WORD):
         bits = i64(_ALL_BITS) if columns != 0 else _start_bits(context.padded_ids, word_start)
         context.start_bits[word_start // _PIXELS_PER_WORD] = bits  # those beyond the row are not used
-        if pixel_count - word_start < _PIXELS_PER_WORD:
-            bits &= (i64(1) << (pixel_count - word_start)) - 1
+        bits &= _first_bits(pixel_count - word_start)
         _append_spans(context, word_start, bits, span_count)
         span_count += vec.count_bits(bits)
     vec.store(context.span_starts, span_count, vec.i32(pixel_count))  # where the last span ends
     return span_count
+
+
+@inlined
+def _first_bits(count: I64) -> I64:
+    """Return a word whose first ``count`` bits are set; all of them for more than it has."""
+    return (i64(1) << count) - 1 if count < _PIXELS_PER_WORD else i64(_ALL_BITS)
 
 
 @inlined
@@ -204,7 +209,5 @@ def find_part_end(context: ShadingContext, span: I64, begin_pixel: I64, segment_
         bits = context.start_bits[word_start // _PIXELS_PER_WORD]
         if word_start < begin_pixel:
             bits &= i64(_ALL_BITS) << (begin_pixel - word_start)
-        if end_pixel - word_start < _PIXELS_PER_WORD:
-            bits &= (i64(1) << (end_pixel - word_start)) - 1
-        end_span += vec.count_bits(bits)
+        end_span += vec.count_bits(bits & _first_bits(end_pixel - word_start))
     return PartEnd(end_pixel, end_span)
