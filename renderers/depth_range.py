@@ -26,7 +26,7 @@ def limit_depth(depth: NDArray[np.float32], min_depth: float, max_depth: float) 
     """Replace the depths that the sensor cannot measure, in place, as RenderEngineVtk's depth shader does.
 
     Args:
-        depth: (H, W) float32, C-contiguous, metres along the optical axis; inf is the background.
+        depth: (H, W), C-contiguous, metres along the optical axis; inf is the background.
         min_depth: metres; this depth and smaller ones become 0.
         max_depth: metres; this depth and larger ones become inf.
     """

@@ -60,14 +60,10 @@ class Mesh:
 
 
 def used_vertices(elements: NDArray[np.uint32], count: int) -> tuple[NDArray[np.intp], NDArray[np.uint32]]:
-    """Return the vertices that primitives use, and the primitives with indices into those vertices.
+    """Return the vertices that primitives use, (U,) in ascending order, and the primitives with indices into those.
 
     Args:
-        elements: (M, 1 | 2 | 3) uint32, every value < ``count``.
-        count: number of vertices.
-
-    Returns:
-        (U,) vertex indices in ascending order, and uint32 of the shape of ``elements``, C-contiguous.
+        elements: (M, 1 | 2 | 3), every value < ``count``, the number of vertices.
     """
     if 8 * elements.size < count:
         unique, compact = np.unique(elements, return_inverse=True)

@@ -33,10 +33,7 @@ MAX_SEARCH: Final = 12
 
 
 def fxaa(color: NDArray[np.uint8]) -> None:
-    """Smooth the edges of an image in place.
-
-    Args:
-        color: (H, W, 3) uint8, C-contiguous, display-encoded.
+    """Smooth the edges of an image, (H, W, 3), C-contiguous, display-encoded, in place.
 
     Raises:
         Exception: the error of the current ``StopFlag``, if it was set. The image is partly smoothed then.
@@ -63,11 +60,8 @@ def _smooth(
     """Smooth an image, and check the stop flag once per row.
 
     Args:
-        color_at: address of (height, width, 3) uint8, the image.
-        copy_at: address of (height, width, 3) uint8 of working memory.
-        luma_at: address of (height, width) float32 of working memory.
-        may_be_edge_at: address of (width,) uint8 of working memory. The first and last values must be 1.
-        width, height: pixels.
+        copy_at, luma_at: working memory of (height, width, 3) uint8 and (height, width) float32.
+        may_be_edge_at: working memory of (width,) uint8. The first and last values must be 1.
     """
     color, source, luma, may_be_edge = u8_at(color_at), u8_at(copy_at), f32_at(luma_at), u8_at(may_be_edge_at)
     for i in range(3 * height * width):
@@ -93,13 +87,8 @@ def _smooth(
 def _find_edges(luma: Pointer[F32], row: I64, north: I64, south: I64, width: I64, may_be_edge: Pointer[U8]) -> None:
     """Set ``may_be_edge`` for the pixels of a row, except the first and the last.
 
-    Most of the time is spent here, since few pixels are at edges. LLVM vectorises the loop.
-
-    Args:
-        luma: (height, width), 0 to 255.
-        row, north, south: index of the first pixel of the row and of its neighbours in ``luma``.
-        width: pixels.
-        may_be_edge: (width,).
+    Most of the time is spent here, since few pixels are at edges. LLVM vectorises the loop. ``row``, ``north`` and
+    ``south`` are the indices in ``luma`` of the first pixel of the row and of its neighbours.
     """
     for x in range(1, width - 1):
         c, n, s, w, e = luma[row + x], luma[north + x], luma[south + x], luma[row + x - 1], luma[row + x + 1]
@@ -112,15 +101,7 @@ def _find_edges(luma: Pointer[F32], row: I64, north: I64, south: I64, width: I64
 def _smooth_pixel(
     source: Pointer[U8], luma: Pointer[F32], color: Pointer[U8], x: I64, y: I64, width: I64, height: I64, contrast: F32
 ) -> None:
-    """Smooth one pixel.
-
-    Args:
-        source, luma: pointers to the unsmoothed image, (height, width, 3), and its lumas.
-        color: pointer to the smoothed image.
-        x, y: the pixel.
-        width, height: pixels.
-        contrast: range of the lumas of the pixel and its four neighbours.
-    """
+    """Smooth a pixel of ``source`` into ``color``; ``contrast``: range of its luma and those of its four neighbours."""
     row = y * width
     north, south = min(y + 1, height - 1) * width, max(y - 1, 0) * width
     west, east = max(x - 1, 0), min(x + 1, width - 1)
@@ -162,13 +143,8 @@ def _smooth_pixel(
 
 @inlined
 def _mean_of_nine(source: Pointer[U8], rows: tuple[I64, I64, I64], columns: tuple[I64, I64, I64], k: I64) -> F32:
-    """Return the mean of a channel over 3 x 3 pixels.
-
-    Args:
-        source: as for ``_smooth_pixel``.
-        rows, columns: three each: indices of the rows' first pixels, and columns.
-        k: the channel, 0 to 2.
-    """
+    """Return the mean of channel ``k`` over 3 x 3 pixels, given the indices of the rows' first pixels, and the
+    columns."""
     total = i32(0)
     for row in rows:
         for column in columns:
@@ -186,10 +162,10 @@ def _edge_end(
     also finds the ends of lines one pixel wide.
 
     Args:
-        pixel, pixel_across: indices of a pixel and of the one across the edge.
+        pixel, pixel_across: indices of a pixel and of the one across the edge, which have the lumas c and
+            ``luma_across``.
         stride: difference of the indices of neighbouring pixels along the edge.
         max_distance: number of pixels up to the border of the image. Beyond it, the last pixel is repeated.
-        c, luma_across: lumas of the two pixels.
     """
     distance, own = 1, c
     for _ in range(MAX_SEARCH):

@@ -164,9 +164,7 @@ _PNG_BIT_DEPTH: Final = 24
 def image_from_bytes(data: bytes | memoryview, *, max_pixels: int = MAX_PIXELS) -> Image:
     """Return an image that decodes an encoded file. Equal bytes give the same object while it is in use.
 
-    Args:
-        data: PNG, JPEG or WebP, which ``Image.decode`` checks.
-        max_pixels: maximum number of pixels that ``Image.decode`` accepts.
+    ``Image.decode`` checks the data, and accepts at most ``max_pixels``.
     """
     file = ImageFile(bytes(data), max_pixels)
     image = _images.get(file)
@@ -294,11 +292,8 @@ _PNG_CHANNELS: Final = {0: 1, 2: 3, 3: 1, 4: 2, 6: 4}
 
 
 def _transparent_grey(chunks: _PngChunks) -> int | None:
-    """Return the transparent grey level of a PNG (chunk tRNS, which OpenCV ignores), at OpenCV's bit depth.
-
-    Returns:
-        None if no level is transparent.
-    """
+    """Return the transparent grey level of a PNG (chunk tRNS, which OpenCV ignores), at OpenCV's bit depth; None: none
+    is."""
     data = b"".join(chunk[8:-4] for chunk in chunks[b"tRNS"])
     if len(data) < 2:
         return None

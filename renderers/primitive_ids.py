@@ -8,12 +8,10 @@ from renderers.compiler.kernel_types import I64, Pointer
 
 @device_function
 def instance_of(first_ids: Pointer[I64], instance_count: I64, primitive_id: I64, hint: I64) -> I64:
-    """Return the index of the instance that a primitive belongs to.
+    """Return the index of the instance that a primitive id, at least 0, belongs to; ``first_ids``: as in
+    ``Visibility``.
 
-    Args:
-        first_ids: (instance_count + 1,), as in ``Visibility.first_ids``.
-        primitive_id: >= 0.
-        hint: index of the instance that is tried first; neighbouring pixels mostly share it.
+    The instance ``hint`` is tried first: neighbouring pixels mostly share it.
     """
     if first_ids[hint] <= primitive_id and primitive_id < first_ids[hint + 1]:
         return hint

@@ -106,11 +106,9 @@ def capsule(aspect: float) -> Mesh:
 
 
 def _ball(segments: int, rings: int, half_length: float) -> tuple[Vertices, Triangles]:
-    """Return positions and triangles of a unit sphere whose halves are moved apart along z.
+    """Return positions and triangles of a unit sphere whose halves are moved apart by ``half_length`` each along z.
 
-    Args:
-        rings: number of bands from pole to pole; even if ``half_length`` is not 0.
-        half_length: distance by which each half is moved.
+    ``rings`` is the number of bands from pole to pole; even if the halves are moved.
     """
     around = circle(segments)
     polar = np.arange(1, rings) * (math.pi / rings)

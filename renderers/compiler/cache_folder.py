@@ -151,10 +151,9 @@ def _platform_digest(cpu: str | None, features: str | None, avx: str | None) -> 
 
 
 def missing(path: Path | None = None, parts: Iterable[str] | None = None) -> str:
-    """Compare a version's folder with its manifest.
+    """Compare a version's folder, by default ``folder()``, with its manifest.
 
     Args:
-        path: the folder; ``folder()`` by default.
         parts: parts that must be complete; None: all that the manifest lists.
 
     Returns:
@@ -244,10 +243,8 @@ def _read_manifest(path: Path) -> dict[str, dict[str, str]]:
 def write_manifest(parts: Mapping[str, Iterable[str]]) -> None:
     """Add compiled parts to the manifest, and remove the oldest folders of other versions.
 
-    The kernels' files are on the disk before the manifest names them.
-
-    Args:
-        parts: by part, the folders of its kernels relative to ``folder()``.
+    The kernels' files are on the disk before the manifest names them. ``parts`` has the folders of a part's kernels
+    relative to ``folder()``.
     """
     own = folder()
     try:

@@ -118,10 +118,7 @@ _NAMES: Final = {types.boolean: "bool", types.none: "None"}
 
 
 def numba_type(annotation: Any, bound: Mapping[Any, Any] | None = None) -> Any:
-    """Return the Numba type of an annotation.
-
-    Args:
-        bound: annotations that its type variables stand for.
+    """Return the Numba type of an annotation; ``bound``: annotations that its type variables stand for.
 
     Raises:
         TypeError: kernels have no such type.

@@ -50,12 +50,9 @@ def define_function(key: Any, definition: Callable[..., Any]) -> None:
 
 
 def intrinsic(definition: Callable[..., Any]) -> Any:
-    """Decorate the definition of a function for kernels whose instructions we emit, as ``numba.extending.intrinsic``.
+    """Decorate the definition of a function for kernels whose instructions we emit, as for ``define_function``.
 
     Numba's own decorator refreshes all of its registries for every call that it types: 4 % of the compile time.
-
-    Args:
-        definition: as for ``define_function``.
     """
 
     def function(*arguments: object) -> object:

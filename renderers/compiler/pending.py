@@ -101,10 +101,7 @@ def is_compiling(part: str) -> bool:
 
 
 def wait_for_kernel(name: str) -> None:
-    """Return once a kernel can be called, at once if its part is not pending.
-
-    Args:
-        name: full name of the kernel.
+    """Return once the kernel of this full name can be called, at once if its part is not pending.
 
     Raises:
         KernelsPending: the current ``StopFlag`` does not wait.

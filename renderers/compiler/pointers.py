@@ -46,10 +46,9 @@ def aligned(shape: tuple[int, ...], dtype: DTypeLike) -> tuple[NDArray[Any], int
 
 
 def aligned_parts(sizes: Mapping[str, int]) -> tuple[NDArray[np.uint8], dict[str, int]]:
-    """Return uninitialised memory, and the addresses of its parts by name. Each part begins with a cache line.
+    """Return uninitialised memory, and the addresses of its parts by name, given their sizes in bytes.
 
-    Args:
-        sizes: number of bytes of each part, in their order.
+    Each part begins with a cache line.
     """
     offsets, end = {}, 0
     for name, nbytes in sizes.items():
@@ -121,13 +120,9 @@ def address(typing_context: Any, pointer: Any) -> Any:
 
 
 def stack_array(scalar: Any, count: int) -> Any:
-    """Return a function for kernels: no arguments, returns a pointer to uninitialised memory on the stack.
+    """Return a function for kernels: no arguments, returns a pointer to ``count`` uninitialised values on the stack.
 
     The memory is valid until the calling device function returns. All calls within one function return the same memory.
-
-    Args:
-        scalar: type of the values, as F32.
-        count: number of values.
     """
 
     value_type = numba_type(scalar)

@@ -80,8 +80,7 @@ def load_corners(typing_context: Any, vertices: Any, indices: Any, corner: Any) 
 def _loader(vector: Any, count: int, columns: Callable[[Any, Any, list[Any]], list[Any]]) -> Any:
     """Return a function for kernels: ``count`` neighbouring values at eight offsets behind a pointer.
 
-    Args:
-        columns: returns the vectors, from the builder, the pointer and the offsets as int64.
+    ``columns`` returns the vectors, from the builder, the pointer and the offsets as int64.
     """
 
     def build(typing_context: Any, values: Any, offsets: Any) -> Any:

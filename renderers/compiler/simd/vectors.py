@@ -175,9 +175,8 @@ for _key in {**_FLOAT_INSTRUCTIONS, **_INTEGER_INSTRUCTIONS, **_COMPARISONS}:
 def define(result_type: Callable[..., Any], emit: Callable[..., Any]) -> Any:
     """Return a function for kernels.
 
-    Args:
-        result_type: returns the result's type for the arguments' types, or None if they are wrong.
-        emit: ``emit(builder, signature, *arguments)`` emits its instructions and returns the result.
+    ``result_type`` returns the result's type for the arguments' types, or None if they are wrong. ``emit(builder,
+    signature, *arguments)`` emits its instructions and returns the result.
     """
 
     def build(typing_context: Any, *argument_types: Any) -> Any:
