@@ -46,15 +46,11 @@ class StereoService:
         has_unapplied_before: Callable[[int], bool] = lambda timestamp: False,
         pairs: RecordedPairs | None = None,
     ) -> None:
-        """
-        Args:
-            config: fixed configuration.
-            scene: returns scene and pose at a time; called in worker threads.
-            renderer: thread-safe renderer.
-            workers: threads for rendering, depth, serialisation and ground truth.
-            on_streaming: called with True when clients begin to stream images, and with False when there are none.
-            has_unapplied_before: see ``LiveTree.has_unapplied_before``.
-            pairs: recorded pairs, whose images take the place of the scene; None: the scene is rendered.
+        """Serve the scene that ``scene`` returns at a time, called in worker threads; with ``pairs``, recorded images
+        instead.
+
+        ``on_streaming`` is called with True when clients begin to stream images, and with False when there are none.
+        ``has_unapplied_before`` is that of ``LiveTree``.
         """
         self.hub = ImageSetHub(config.max_clients, config.max_kinds, follows_demand=config.rate == "max")
         self.parameters = Parameters(config.limits, self._parameters_changed)
@@ -124,11 +120,7 @@ class StereoService:
         return list(self._scheduler.history)
 
     async def run(self) -> None:
-        """Serve until cancelled.
-
-        Raises:
-            OSError: the port is taken, or a certificate cannot be read; one sentence.
-        """
+        """Serve until cancelled. Raises OSError, one sentence: the port is taken, or a certificate cannot be read."""
         async with serving(self.hub, self.events, self.injector, self.config) as self._port:
             model = self.config.model
             _log.info(f"{model.name} on port {self._port}", baseline=model.baseline, depth=self.config.depth_mode)
@@ -142,14 +134,9 @@ class StereoService:
     async def capture(self, kind: SetKind, scene_time: float | None = None) -> FrameImages:
         """Capture the scene apart from the stream, with the current parameters, and return a frame for sets of a kind.
 
-        Nothing in the frame is blurred by motion.
-
-        Args:
-            scene_time: seconds, as for ``gateway.scene.tree.timeline.state_at``; None: now.
-
-        Raises:
-            QueueFull: the worker queue is full.
-            TimeError: there is no state of this time, or the camera does not see the live scene.
+        Nothing in the frame is blurred by motion. ``scene_time``: seconds, as for
+        ``gateway.scene.tree.timeline.state_at``; None: now. Raises QueueFull, or TimeError without a state of this
+        time, or if the camera does not see the live scene.
         """
         imaging, settings, timestamp = self.imaging, self.settings, time.time_ns()
         if scene_time is None:
@@ -187,9 +174,7 @@ class StereoService:
     async def measure_depth(self, arguments: MeasureArguments) -> dict[str, Any]:
         """Measure depth in a region, as the device's ``rc_measure`` does, and return its response.
 
-        Raises:
-            ValueError: an argument is not valid, or there is no last image; one sentence.
-            QueueFull: the worker queue is full.
+        Raises ValueError, one sentence, for an invalid argument or without a last image; QueueFull.
         """
         region = arguments.check(self.config.model)
         start = time.monotonic()

@@ -24,11 +24,7 @@ class Parameters:
     """Values of the parameters of all nodes."""
 
     def __init__(self, limits: DeviceLimits | None = None, on_change: Callable[[], object] = lambda: None) -> None:
-        """
-        Args:
-            limits: limits and defaults of the camera; None: those of the rc_visard.
-            on_change: called after each change.
-        """
+        """``limits`` None: those of the rc_visard. ``on_change`` is called after each change."""
         self._on_change = on_change
         self.limits = limits or DeviceLimits()
         self._specs = specs_of(self.limits)
@@ -43,11 +39,7 @@ class Parameters:
         return self._values[node]
 
     def spec(self, node: str, name: str) -> Spec:
-        """Return the specification of a parameter.
-
-        Raises:
-            UnknownParameterError: unknown node or parameter.
-        """
+        """Return the specification of a parameter. Raises UnknownParameterError for an unknown node or parameter."""
         specs = self._specs.get(node)
         if specs is None:
             raise UnknownParameterError(f"there is no node {node!r}; there are {', '.join(NODES)}")
@@ -57,18 +49,9 @@ class Parameters:
         return spec
 
     def set(self, node: str, values: Iterable[tuple[str, object]]) -> list[str]:
-        """Set parameters of a node: all values, or none if one is invalid.
+        """Set parameters of a node: all values, or none if one is invalid; return the names, in the given order.
 
-        Args:
-            node: name of the node.
-            values: names and values of parameters.
-
-        Returns:
-            The names, in the given order.
-
-        Raises:
-            UnknownParameterError: unknown node or parameter.
-            ParameterError: wrong type or out of range.
+        Raises UnknownParameterError, or ParameterError for a wrong type or a value out of range.
         """
         checked = [(name, check_value(self.spec(node, name), value)) for name, value in values]
         for name, value in checked:
@@ -107,15 +90,8 @@ class Parameters:
 
 
 def check_value(spec: Spec, value: object) -> Value:
-    """Return the validated value.
-
-    Args:
-        spec: specification of the parameter.
-        value: decoded JSON.
-
-    Raises:
-        ParameterError: wrong type, not one of the choices, or out of range.
-    """
+    """Return the validated value, given decoded JSON. Raises ParameterError for a wrong type, another choice, or out of
+    range."""
     if spec.type == "string":
         if not isinstance(value, str):
             raise ParameterError(f"{spec.name}: {_shown_value(value)} is not a string")

@@ -160,14 +160,8 @@ class Profile(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 def read_profile(name: str) -> Profile:
-    """Return a profile.
-
-    Args:
-        name: name of a shipped profile, or path of a TOML file.
-
-    Raises:
-        ProfileError: there is no such profile, or it is invalid.
-    """
+    """Return a shipped profile by its name, or that of a TOML file. Raises ProfileError if there is none, or it is
+    invalid."""
     if name in PROFILE_NAMES:
         return _shipped_profile(name)
     path = Path(name)
@@ -210,12 +204,9 @@ def _check(profile: Profile) -> None:
 
 
 def _check_intrinsics(section: str, size: tuple[int, int], focal_length: float) -> None:
-    """Check the number of pixels and the field of view of a camera. Raises ValueError.
+    """Check the number of pixels and the field of view of a camera. Raises ValueError, which names the section.
 
-    Args:
-        section: Section of the profile, for errors.
-        size: Width and height, pixels.
-        focal_length: Pixels.
+    Width, height and focal length are in pixels.
     """
     width, height = size
     if width * height > MAX_PIXELS:

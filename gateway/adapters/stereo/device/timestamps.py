@@ -6,12 +6,9 @@ NANOSECONDS_PER_SECOND = 1_000_000_000
 
 
 def parse_timestamp(timestamp: str) -> int:
-    """Return the nanoseconds of ``1700000000.040000000``, exactly.
+    """Return the nanoseconds of ``1700000000.040000000``, exactly. Raises ValueError for a malformed timestamp.
 
     The digits after the point are nanoseconds, padded on the right.
-
-    Raises:
-        ValueError: malformed timestamp.
     """
     seconds, _, fraction = timestamp.partition(".")
     digits = seconds + fraction

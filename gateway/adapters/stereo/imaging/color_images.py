@@ -37,14 +37,7 @@ def expose_color_camera(
 ) -> ColorImage:
     """Return the image of the colour camera. It has its own automatic exposure, and does not see the projector.
 
-    Args:
-        imaging: renderer and sensor model of the camera.
-        color_camera: the colour camera.
-        capture: scene and pose. A rolling shutter needs the previous frame, ``capture.earlier``.
-        settings: parameters of the frame.
-
-    Raises:
-        ImageError: a texture cannot be decoded.
+    A rolling shutter needs the previous frame, ``capture.earlier``. Raises ImageError if a texture cannot be decoded.
     """
     config, manual, auto_limits = imaging.config, settings.manual_exposure, settings.auto_exposure
     camera_at = partial(color_camera.camera, capture.X_world_left, near=config.near, far=config.far)

@@ -50,11 +50,7 @@ class MeasureArguments(msgspec.Struct):
     """Not needed in the camera frame."""
 
     def check(self, model: StereoModel) -> Region:
-        """Return the region.
-
-        Raises:
-            ValueError: an argument is not valid; the sentence for the return code -1.
-        """
+        """Return the region. Raises ValueError if an argument is not valid: the sentence for the return code -1."""
         if self.pose_frame != "camera":
             raise ValueError(f"pose_frame: {self.pose_frame[:80]!r} is not 'camera'; there is no hand-eye calibration")
         if self.region_of_interest_2d_id:

@@ -24,10 +24,8 @@ from renderers.stereo.light.scene_light import NORMAL_OFFSET, shadow_camera
 def key_light(renderer: Renderer, look: Look, level: float, scene: DrawList, camera: Camera) -> KeyLight | None:
     """Return the key light with its shadow map; None if nothing is visible.
 
-    Args:
-        look: look of the images.
-        level: light of the key light on a surface that faces it.
-        camera: camera whose view the shadow map covers, with 1/``METERING_DIVISOR`` of the images' resolution.
+    The light on a surface that faces it is ``level``. The shadow map covers the view of ``camera``, which has
+    1/``METERING_DIVISOR`` of the images' resolution.
     """
     view = renderer.render(scene, camera, Output.DEPTH, look)
     assert view.depth is not None
@@ -42,13 +40,9 @@ def key_light(renderer: Renderer, look: Look, level: float, scene: DrawList, cam
 def blur_motion(
     renderer: Renderer, look: Look, motion: Motion, camera: Camera, exposure_time: float, roots: NDArray[np.uint32]
 ) -> None:
-    """Blur what moves: average further renderings of these parts into an image.
+    """Blur what moves since the previous frame: average further renderings of these parts into an image.
 
-    Args:
-        motion: motion since the previous frame.
-        camera: camera of the image.
-        exposure_time: seconds.
-        roots: (H, W + 8) uint32, rendered image (``Frame.roots``), changed.
+    ``roots`` is the rendered image (``Frame.roots``), (H, W + 8) uint32, and changed. The exposure time is in seconds.
     """
     relative_exposure = exposure_time / motion.seconds
     rectangles = moving_rectangles(motion, camera, relative_exposure)

@@ -22,15 +22,10 @@ def matched_depth(
     dark_pair: ImagePair | None,
     parallel: Parallel = in_turn,
 ) -> DepthImages:
-    """Return depth images by matching a pair.
+    """Return depth images by matching a pair; ``parallel`` as for ``match_pair``.
 
-    Args:
-        config: model of the camera, and factor of the noise.
-        pair: images to match.
-        settings: parameters of the frame.
-        dark_pair: images without the projector's light, with which ``double_shot`` fills holes; None: ``double_shot``
-            fills them by matching ``pair`` at half the resolution.
-        parallel: see ``match_pair``.
+    The images of ``dark_pair`` are without the projector's light: with them, ``double_shot`` fills holes. None: it
+    fills them by matching ``pair`` at half the resolution.
     """
     model, divisor = config.model, settings.quality.divisor
     nearest = settings.filters.measurable_depths(model, divisor).min_depth

@@ -35,9 +35,7 @@ def find_pairs(folder: Path, max_pairs: int) -> list[tuple[Path, Path]]:
     """Return the left and right images of all pairs below a folder, in the order of their names.
 
     The right image of ``…left….png`` is ``…right….png``, in file or folder names: the last ``left`` becomes ``right``.
-
-    Raises:
-        ValueError: there are no pairs, or more than ``max_pairs``; one sentence.
+    Raises ValueError, one sentence, if there are no pairs, or more than ``max_pairs``.
     """
     if not folder.is_dir():
         raise ValueError(f"{folder} is not a folder")
@@ -59,16 +57,11 @@ def find_pairs(folder: Path, max_pairs: int) -> list[tuple[Path, Path]]:
 
 
 def read_geometry(folder: Path) -> tuple[float, float] | None:
-    """Return the camera geometry from files below a folder; None if there are no such files.
+    """Return the focal length divided by the image width, and the baseline in metres, from files below a folder.
 
     The files are ``*.npz`` of ``scenegate stream``, or ``*param.txt`` of the vendor's tools (``camera.A``,
     ``camera.width``, ``t``). The vendor's files describe the disparity image, whose width in quality Low is rounded.
-
-    Returns:
-        Focal length divided by the image width, and baseline in metres.
-
-    Raises:
-        ValueError: a file cannot be read; one sentence.
+    None: there are no such files. Raises ValueError, one sentence, if a file cannot be read.
     """
     for path in sorted(folder.rglob("*.npz")):
         try:
@@ -98,17 +91,11 @@ class RecordedPairs:
     def __init__(
         self, pairs: Sequence[tuple[Path, Path]], focal_factor: float, baseline: float, max_pixels: int
     ) -> None:
-        """Decode the first pair.
+        """Decode the first of the left and right images, which are repeated from the start after the last.
 
-        Args:
-            pairs: left and right images, at least one pair; repeated from the start after the last.
-            focal_factor: focal length divided by the width of the images.
-            baseline: metres.
-            max_pixels: maximum number of pixels of one image.
-
-        Raises:
-            ImageError: an image of the first pair cannot be decoded.
-            ValueError: size, focal length or baseline are beyond the limits of a stereo camera.
+        The focal length is ``focal_factor`` times the width of the images, the baseline in metres. Raises ImageError if
+        an image of the first pair cannot be decoded, ValueError if its geometry is beyond the limits of a stereo
+        camera.
         """
         self._pairs = pairs
         self._max_pixels = max_pixels
@@ -121,11 +108,8 @@ class RecordedPairs:
         self.model = StereoModel(_TEST_MODEL_NAME, width, height, focal_factor, baseline)
 
     def image(self, index: int, *, right: bool) -> NDArray[np.uint8]:
-        """Return (H, W, 3) uint8 RGB.
-
-        Raises:
-            ImageError: the image is unreadable, undecodable, or of another size than the first.
-        """
+        """Return (H, W, 3) uint8 RGB. Raises ImageError if it is unreadable, undecodable, or of another size than the
+        first."""
         return self._decode(index % len(self._pairs), right)
 
     def _decode_uncached(self, position: int, right: bool) -> NDArray[np.uint8]:
@@ -153,11 +137,7 @@ class PairImaging(Imaging):
     pairs: RecordedPairs
 
     def render(self, capture: Capture, offset: float, divisor: int, outputs: Output) -> Frame:
-        """Refuse to render: there is no scene.
-
-        Raises:
-            LookupError: always.
-        """
+        """Raise LookupError: there is no scene."""
         raise LookupError("the camera shows recorded images; there is no ground truth")
 
     def meter(self, capture: Capture, settings: StreamSettings) -> MeteredExposure:

@@ -124,8 +124,7 @@ class Imaging:
     def key_light(self, capture: Capture, camera: Camera | None = None) -> KeyLight | None:
         """Return the key light of a capture's images; None: they have none.
 
-        Args:
-            camera: as in ``extra_renderings.key_light``; None: the left one, for both cameras.
+        ``camera`` is as in ``extra_renderings.key_light``; None: the left one, for both cameras.
         """
         if "shadows" not in self.config.realism:
             return None
@@ -139,14 +138,7 @@ class Imaging:
         return Lens(LENS_BLUR if "lens-blur" in realism else 0.0, "vignetting" in realism)
 
     def render(self, capture: Capture, offset: float, divisor: int, outputs: Output) -> Frame:
-        """Render the view from ``offset`` metres to the right of the left camera.
-
-        Args:
-            capture: scene and pose.
-            offset: metres along the left camera's x axis.
-            divisor: width of the camera images divided by that of the rendered images.
-            outputs: images to render.
-        """
+        """Render the view ``offset`` metres to the right of the left camera, at 1/``divisor`` of its resolution."""
         look = self.lit(self.look, capture)
         return self.renderer.render(capture.scene, self.camera(capture, offset, divisor), outputs, look)
 
@@ -239,13 +231,10 @@ class Imaging:
     def measure(
         self, capture: Capture, settings: StreamSettings, pair: ImagePair | None, dark_pair: ImagePair | None = None
     ) -> DepthImages:
-        """Return the depth images of a capture, by matching, or exact from rendered depth.
+        """Return the depth images of a capture, by matching ``pair``, images of the same exposure; None: from exact
+        depth.
 
-        Args:
-            capture: scene and pose.
-            settings: parameters of the frame.
-            pair: images of the same exposure, to match; None: depth is exact.
-            dark_pair: see ``matched_depth``.
+        ``dark_pair`` is as in ``matched_depth``.
         """
         config = self.config
         if pair is not None:
@@ -258,12 +247,7 @@ class Imaging:
         return exact_depth(config.model, left, right, settings)
 
     def scene_light(self, frame: Frame, dots: NDArray[np.uint16] | None) -> SceneLight:
-        """Return the light on the scene besides the rendered one.
-
-        Args:
-            frame: the rendered image.
-            dots: (H, W) uint16, light of projectors; None: all are off.
-        """
+        """Return the light besides the rendered one; ``dots``, (H, W) uint16, is that of projectors, None: all off."""
         return SceneLight(dots, self.config.full_dot_light, frame.key_factor)
 
     def _blur_motion(self, capture: Capture, offset: float, exposure_time: float, roots: NDArray[np.uint32]) -> None:
@@ -354,15 +338,10 @@ def _metered_region(values: NDArray[np.float32], settings: StreamSettings) -> ND
 def exact_depth(
     model: StereoModel, left_depth: NDArray[np.float32], right_depth: NDArray[np.float32], settings: StreamSettings
 ) -> DepthImages:
-    """Return depth images from rendered depth.
+    """Return depth images from rendered depth of the left and the right camera, (H, W) float32, metres.
 
-    All holes and segments are true, so ``double_shot``, ``minconf``, ``seg`` and ``fill`` have no effect.
-
-    Args:
-        model: model of the camera.
-        left_depth: (H, W) float32 depth from the left camera at the depth images' resolution, metres.
-        right_depth: (H, W) float32 depth from the right camera, metres.
-        settings: parameters of the frame.
+    It has the depth images' resolution. All holes and segments are true, so ``double_shot``, ``minconf``, ``seg`` and
+    ``fill`` have no effect.
     """
     divisor, filters = settings.quality.divisor, replace(settings.filters, minconf=0.0, seg=0, fill=0)
     focal_times_baseline = model.focal_times_baseline(divisor)

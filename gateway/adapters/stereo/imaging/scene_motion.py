@@ -98,16 +98,10 @@ def motion_since(
     X_world_before: NDArray[np.float64],
     X_world_camera: NDArray[np.float64],
 ) -> Motion | None:
-    """Return the motion since the previous frame, if something moves.
+    """Return the motion since the previous frame; None: nothing moves, or that frame is too old or has other meshes.
 
-    None: nothing does, or the previous frame is too old or has other meshes.
-
-    Args:
-        earlier: previous frame.
-        timestamp: timestamp of this frame, nanoseconds since the epoch.
-        scene: scene of this frame.
-        X_world_before: (4, 4) float64, pose of the rendered camera in the previous frame.
-        X_world_camera: (4, 4) float64, its pose in this frame.
+    Timestamp (nanoseconds since the epoch) and scene are those of this frame. ``X_world_before`` and
+    ``X_world_camera``, (4, 4) float64, are the poses of the rendered camera in both frames.
     """
     seconds = (timestamp - earlier.timestamp) / NANOSECONDS_PER_SECOND
     is_at_rest = earlier.scene is scene and np.array_equal(X_world_before, X_world_camera)
@@ -126,10 +120,7 @@ def has_equal_instances(before: DrawList, now: DrawList) -> bool:
 def moving_rectangles(motion: Motion, camera: Camera, relative_exposure: float) -> list[MovingRectangle]:
     """Return disjoint rectangles of the image in which something moves by ``MIN_BLUR`` or more.
 
-    Args:
-        motion: motion between the frames.
-        camera: camera of the image.
-        relative_exposure: exposure time in units of the time between the frames. The exposure is centred at time 0.
+    The exposure is centred at time 0; ``relative_exposure`` is in units of the time between the frames.
     """
     camera_moves = not np.array_equal(motion.X_world_camera_before, motion.X_world_camera)
     pairs: list[tuple[Instance, Instance]] = []
@@ -154,10 +145,7 @@ def moving_rectangles(motion: Motion, camera: Camera, relative_exposure: float) 
 def subframe_count(rectangle: MovingRectangle, total_area: int, image_area: int) -> int:
     """Return the odd number of images to average for a rectangle: about one per pixel of blur, within the limits.
 
-    Args:
-        rectangle: rectangle to blur.
-        total_area: number of pixels of all rectangles of the image.
-        image_area: number of pixels of the image.
+    Areas, of all rectangles and of the image, are in pixels.
     """
     affordable = 1 + int(MAX_EXTRA_IMAGES * image_area / max(total_area, 1))
     count = min(math.ceil(rectangle.blur) | 1, MAX_SUBFRAMES, (affordable - 1) | 1)
@@ -179,14 +167,9 @@ def _transformed(points: NDArray[np.float64], X: NDArray[np.float64]) -> NDArray
 def _rectangles_of_boxes(
     begin: NDArray[np.float64], end: NDArray[np.float64], camera: Camera
 ) -> Iterator[MovingRectangle]:
-    """Yield the part of the image that each moving box covers.
+    """Yield the part of the image that each moving box covers, without those that move less than ``MIN_BLUR``.
 
-    Boxes outside of the image, or that move less than ``MIN_BLUR``, are left out.
-
-    Args:
-        begin: (N, 8, 3) float64, corners in the camera's frame at the beginning of the exposure.
-        end: (N, 8, 3) float64, likewise at its end.
-        camera: camera of the image.
+    ``begin`` and ``end``, (N, 8, 3) float64, are the corners in the camera's frame at both ends of the exposure.
     """
     depth = np.concatenate((begin[:, :, 2], end[:, :, 2]), axis=1)
     nearest, farthest = depth.min(axis=1), depth.max(axis=1)

@@ -109,14 +109,11 @@ class Capture:
         *,
         depth: bool,
     ) -> Capture:
-        """Return a capture of a state of the scene.
+        """Return a capture of a state, exposed for depth or for camera images. Clients get ``timestamp``, in
+        nanoseconds.
 
         All cameras expose at the same time and for the same purpose, as with a common trigger: so their parameters tell
         which projectors are on.
-
-        Args:
-            timestamp: time that clients get, nanoseconds since the epoch.
-            depth: True: exposure for depth; False: exposure for camera images.
         """
         gpio = settings.depth_gpio if depth else settings.camera_gpio
         projectors = tuple(
@@ -144,13 +141,7 @@ class SceneView:
         mount: Mount,
         projectors: Mapping[SceneView, ProjectorSource] = MappingProxyType({}),
     ) -> None:
-        """
-        Args:
-            tree: the scene.
-            flattener: makes the draw list of a snapshot.
-            mount: place of the camera in the scene.
-            projectors: projectors of all cameras that share theirs, by view; the owner adds them later.
-        """
+        """``projectors``: those of all cameras that share theirs, by view; the owner adds them later."""
         self.tree = tree
         self._flattener = flattener
         self._mount = mount
@@ -206,11 +197,8 @@ class SceneView:
         return sentences
 
     def _node_pose(self, root: Node) -> NDArray[np.float64]:
-        """Return the pose of the camera's node in the world, (4, 4) float64; that of a fixed mount if there is none.
-
-        Raises:
-            CameraError: the node is missing.
-        """
+        """Return the pose of the camera's node, or of a fixed mount, in the world, (4, 4) float64. Raises CameraError
+        without node."""
         if self._mount.path is None:
             return self._mount.pose
         # Size and draw list have no effect on the pose.
@@ -231,10 +219,7 @@ class SceneReader:
         config: StereoConfig,
         has_unapplied_before: Callable[[int], bool] = lambda timestamp: False,
     ) -> None:
-        """
-        Args:
-            has_unapplied_before: see ``LiveTree.has_unapplied_before``.
-        """
+        """``has_unapplied_before`` is that of ``LiveTree``."""
         self._last: SceneState | None = None
         """Scene of the newest capture, for motion blur and rolling shutters."""
         self._source = source
@@ -245,12 +230,10 @@ class SceneReader:
     async def capture(
         self, timestamp: int, sent_timestamp: int, settings: StreamSettings, frame_number: int, *, depth: bool
     ) -> Capture:
-        """Return the capture of a frame; see ``read`` for errors.
+        """Return the capture of a frame; see ``read`` for errors, ``Capture.of_state`` for ``depth``.
 
-        Args:
-            timestamp: true time, nanoseconds since the epoch.
-            sent_timestamp: time that clients get; a fault may falsify it.
-            depth: as for ``Capture.of_state``.
+        ``timestamp`` is the true time, ``sent_timestamp`` the one that clients get, which a fault may falsify,
+        nanoseconds.
         """
         self._last, earlier = await self.read(timestamp)
         if earlier is not None:
@@ -258,13 +241,9 @@ class SceneReader:
         return Capture.of_state(self._last, settings, sent_timestamp, frame_number, earlier, depth=depth)
 
     async def read(self, timestamp: int) -> tuple[SceneState, SceneState | None]:
-        """Return the scene at a time, and an earlier one if images depend on motion.
+        """Return the scene at a time, and an earlier one if images depend on motion. Raises QueueFull.
 
-        Args:
-            timestamp: nanoseconds since the epoch. With simulated time, the scene is the current one.
-
-        Raises:
-            QueueFull: the worker queue is full.
+        The time is in nanoseconds since the epoch; if it is simulated, the scene is the current one.
         """
         while (  # noqa: ASYNC110 - at most 30 ms
             self._has_unapplied_before(timestamp) and time.time_ns() - timestamp < MAX_SETTLING
@@ -284,10 +263,8 @@ class SceneReader:
 def state_before(now: SceneState, last: SceneState | None, scene: Callable[[int], SceneState]) -> SceneState:
     """Return an earlier state, for velocities. The time between both is that between the messages that they are from.
 
-    Args:
-        now: state at the timestamp of a frame.
-        last: state of the last frame, used if it is recent and the camera was not placed elsewhere since.
-        scene: returns the state at a time, nanoseconds since the epoch.
+    ``last`` is the state of the last frame, used if it is recent and the camera was not placed elsewhere since.
+    ``scene`` returns the state at a time, nanoseconds since the epoch.
     """
     if last is None or last.mount is not now.mount or not 0 < now.timestamp - last.timestamp < 2 * VELOCITY_TIME:
         last = scene(now.timestamp - VELOCITY_TIME)

@@ -69,11 +69,7 @@ def node_status(service: StereoService, node: str) -> dict[str, Any]:
 
 
 async def call_service(service: StereoService, node: str, name: str, arguments: dict[str, Any]) -> dict[str, Any]:
-    """Call a service and return the device's response.
-
-    Raises:
-        QueueFull: the worker queue is full.
-    """
+    """Call a service and return the device's response. Raises QueueFull."""
     if name == "measure_depth":
         return {"name": name, "response": await _measure(service, arguments)}
     actions: dict[str, Callable[[], dict[str, Any]]] = {

@@ -36,12 +36,7 @@ class FaultInjector:
     """Applies the current faults to timestamps and image sets."""
 
     def __init__(self, seed: int, max_late_bytes: int, on_change: Callable[[], object] = lambda: None) -> None:
-        """
-        Args:
-            seed: seed of dropped frames.
-            max_late_bytes: maximum number of bytes of delayed sets; further sets are dropped.
-            on_change: called after faults were set.
-        """
+        """Delay at most ``max_late_bytes``, and drop further sets; call ``on_change`` after faults were set."""
         self.faults = Faults()
         """Current faults."""
         self.dropped = 0
@@ -71,13 +66,8 @@ class FaultInjector:
         return max(true_timestamp + round(self.faults.clock_offset * 1e9), 0)
 
     def deliver(self, frame_number: int, data: bytes, publish: Callable[[], None]) -> None:
-        """Deliver a set now, later or never.
-
-        Args:
-            frame_number: number of the frame; with the seed, it determines whether the set is dropped.
-            data: serialised set.
-            publish: delivers the set to the clients.
-        """
+        """Deliver a serialised set now, later or never: ``publish`` delivers it. Seed and frame number determine what
+        is dropped."""
         if self._is_dropped(frame_number):
             self.dropped += 1
             return

@@ -91,12 +91,7 @@ class FrameImages:
     """
 
     def __init__(self, record: FrameRecord, workers: WorkerPool, kinds: Collection[SetKind]) -> None:
-        """
-        Args:
-            record: inputs of the frame.
-            workers: threads for rendering, exposure, depth and serialisation.
-            kinds: kinds of set that clients stream, so that one rendering serves grey and colour images of one camera.
-        """
+        """``kinds``: those that clients stream, so that one rendering serves grey and colour images of one camera."""
         self.record = record
         self.left_metered: MeteredExposure | None = None
         """Exposure of the left image; None until a set with this image is serialised."""
@@ -194,11 +189,8 @@ class FrameImages:
 
     @once
     async def depth_mm(self, *, aligned: bool) -> NDArray[np.uint16]:
-        """Return depth in millimetres, (H, W) uint16, 0: invalid.
-
-        Args:
-            aligned: as seen by the colour camera, if there is one.
-        """
+        """Return depth in millimetres, (H, W) uint16, 0: invalid; ``aligned``: as seen by the colour camera, if there
+        is one."""
         images, config, divisor = await self.depth_images(), self._config, self._settings.quality.divisor
         factor = config.model.focal_times_baseline(divisor)
         depth = await self._workers.run(millimetres_from_disparity, images.disparity, factor)

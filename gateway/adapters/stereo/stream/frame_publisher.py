@@ -76,13 +76,7 @@ class FramePublisher:
     def __init__(
         self, hub: ImageSetHub, events: EventHub, injector: FaultInjector | None, config: StereoConfig
     ) -> None:
-        """
-        Args:
-            hub: receives the sets.
-            events: receives the image events.
-            injector: delays and drops sets; None: faults are not permitted.
-            config: configuration of the camera.
-        """
+        """Publish sets to ``hub``, image events to ``events``. ``injector`` None: faults are not permitted."""
         self.counts = FrameCounts()
         self.last_metered: MeteredExposure | None = None
         """Exposure of the newest left image."""

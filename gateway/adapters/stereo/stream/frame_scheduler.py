@@ -40,11 +40,7 @@ class FrameClock:
     """
 
     def __init__(self, rate: Rate, *, simulated: bool) -> None:
-        """
-        Args:
-            rate: see ``StereoConfig.rate``.
-            simulated: see ``StereoConfig.simulated_clock``.
-        """
+        """``rate`` and ``simulated`` are as in ``StereoConfig``."""
         self.simulated = simulated
         self.timestamp: int | None = None
         """Timestamp of the last frame; a simulated one includes delays since. None before the first frame."""
@@ -79,10 +75,7 @@ class FrameClock:
     def seconds_until_frame(self, settings: StreamSettings, now: float, *, depth_only: bool = False) -> float:
         """Return the seconds until the next frame that is needed is due, at most 0 if it is due.
 
-        Args:
-            settings: current parameters.
-            now: seconds of the event loop's clock.
-            depth_only: True: frames without depth are not needed.
+        ``depth_only``: frames without depth are not needed.
         """
         seconds = self._next_frame_due - now
         self._needed_from = min(self._needed_from, now)  # earlier than planned if the wait was ended
@@ -114,11 +107,8 @@ class FrameClock:
     def depth_due(self, settings: StreamSettings, now: float, trigger_time: float | None) -> bool:
         """Return True if the frame that is due includes depth.
 
-        Args:
-            settings: current parameters.
-            now: seconds of the event loop's clock.
-            trigger_time: time of a call of ``acquisition_trigger``, seconds of the event loop's clock; None: there was
-                none since the last frame with depth.
+        ``trigger_time``: that of a call of ``acquisition_trigger``, seconds of the event loop's clock; None: there was
+        none since the last frame with depth.
         """
         if settings.single_frame:
             if trigger_time is None:
@@ -179,10 +169,7 @@ class FrameScheduler:
         settings: StreamSettings,
         on_streaming: Callable[[bool], None] = lambda streaming: None,
     ) -> None:
-        """
-        Args:
-            on_streaming: called with True before the first frame for clients, and with False when there are none.
-        """
+        """``on_streaming`` is called with True before the first frame for clients, with False when there are none."""
         self._imaging = imaging
         self.settings = settings
         """Parameters of the next frames."""
@@ -342,9 +329,8 @@ class FrameScheduler:
     async def _expose_depth(self, camera_record: FrameRecord, timestamp: int, kinds: _Kinds) -> None:
         """Capture the scene for depth 40 ms after the camera images, with the outputs of depth exposures.
 
-        Args:
-            camera_record: frame of the camera images.
-            timestamp: its true timestamp, nanoseconds since the epoch.
+        ``timestamp`` is the true one of ``camera_record``, the frame of the camera images, in nanoseconds since the
+        epoch.
         """
         await asyncio.sleep(0 if self._unlimited else ALTERNATE_GAP_NS / NANOSECONDS_PER_SECOND)
         sent_timestamp = camera_record.camera_capture.timestamp + ALTERNATE_GAP_NS

@@ -62,10 +62,7 @@ class UnsentMessages:
     """
 
     def __init__(self, return_memory: Callable[[], object] = process_tuning.return_memory) -> None:
-        """
-        Args:
-            return_memory: called in a worker thread.
-        """
+        """``return_memory`` is called in a worker thread."""
         self._return_memory = return_memory
         self._nbytes = 0
         self._timer: asyncio.TimerHandle | None = None
@@ -160,8 +157,7 @@ async def serving(
 ) -> AsyncIterator[int]:
     """Serve while the block runs, and yield the port. The arguments are those of ``FramePublisher``.
 
-    Raises:
-        OSError: the port is not available, or a certificate cannot be read; one sentence.
+    Raises OSError, one sentence, if the port is not available, or a certificate cannot be read.
     """
     interceptors = () if config.tokens is None else (TokenCheck(config.tokens),)
     server = grpc.aio.server(interceptors=interceptors, options=_OPTIONS, maximum_concurrent_rpcs=MAX_CALLS)

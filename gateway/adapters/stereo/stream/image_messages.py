@@ -70,10 +70,7 @@ def image(
 ) -> list[Chunk]:
     """Return an ``Image``. The chunks share memory with ``pixels``.
 
-    Args:
-        pixels: (H, W) uint8: mono8, (H, W) uint16: mono16, (H, W, 3) uint8: rgb8.
-        intrinsics: those of this image.
-        metadata: time and exposure.
+    They are (H, W) uint8: mono8, (H, W) uint16: mono16, or (H, W, 3) uint8: rgb8.
     """
     height, width = pixels.shape[:2]
     if pixels.dtype == np.uint16:
@@ -106,13 +103,8 @@ def image(
 
 
 def disparity(image_chunks: list[Chunk], timestamp: int, baseline: float) -> list[Chunk]:
-    """Return a ``DisparityImage``.
-
-    Args:
-        image_chunks: the ``Image`` that holds the disparities.
-        timestamp: nanoseconds since the epoch.
-        baseline: metres.
-    """
+    """Return a ``DisparityImage`` of an ``Image`` of disparities. Timestamp in nanoseconds since the epoch, baseline in
+    metres."""
     header = pb.DisparityImage(
         timestamp=time_message(timestamp),
         scale=DISPARITY_SCALE,
@@ -133,9 +125,7 @@ def mesh(ply: tuple[Chunk, ...], timestamp: int) -> list[Chunk]:
 def depth_acquisition_done(imageset_timestamp: int, event_timestamp: int) -> bytes:
     """Return an ``ImageEvents``: all images for a depth image are captured. It is sent before depth is computed.
 
-    Args:
-        imageset_timestamp: timestamp of the image set, nanoseconds.
-        event_timestamp: end of the capture, nanoseconds.
+    Timestamps of the image set and of the end of the capture are in nanoseconds.
     """
     event = pb.ImageEvents(
         imageset_timestamp=time_message(imageset_timestamp),

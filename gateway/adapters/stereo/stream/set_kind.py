@@ -70,12 +70,7 @@ class SetKind:
 def read_set_kind(request: pb.ImageSetRequest, config: StereoConfig) -> SetKind:
     """Return the kind of a request. Mesh options without a mesh are ignored; so is ``color`` on a monochrome camera.
 
-    Args:
-        request: message of the client.
-        config: configuration of the camera.
-
-    Raises:
-        RequestError: invalid mesh options, or the camera has no colour.
+    Raises ImageRequestError for invalid mesh options, or if the camera has no colour.
     """
     has_color_camera = config.color_camera is not None
     if request.color_camera_enabled and not (config.color or has_color_camera):

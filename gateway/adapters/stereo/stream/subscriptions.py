@@ -38,11 +38,7 @@ class Subscription:
     """One client's mailbox."""
 
     def __init__(self, kind: SetKind, hub: ImageSetHub) -> None:
-        """
-        Args:
-            kind: contents of the sets.
-            hub: hub of the subscription, which counts its sets.
-        """
+        """Subscribe to sets of a kind from a hub, which counts them."""
         self.kind = kind
         self.generation = hub.generation
         """Generation of the hub at subscription."""
@@ -76,8 +72,7 @@ class Subscription:
     async def get(self) -> bytes:
         """Wait for a set that was not taken yet, and return it. Cancelling is safe: no set is lost.
 
-        Raises:
-            StreamError: the stream has ended.
+        Raises StreamError when the stream has ended.
         """
         if self.state is MailboxState.EMPTY:
             self.state = MailboxState.WAITING
@@ -118,11 +113,8 @@ class EventQueue:
         self._changed.set()
 
     async def get(self) -> list[bytes]:
-        """Wait for events, and return all of them, oldest first.
-
-        Raises:
-            StreamError: the stream has ended, and the queue is empty.
-        """
+        """Wait for events; return all, oldest first. Raises StreamError when the stream has ended and the queue is
+        empty."""
         while not self._events:
             if self._close_reason:
                 raise StreamError(self._close_reason)
@@ -200,12 +192,7 @@ class ImageSetHub(_Hub[Subscription]):
     """All subscriptions of one camera."""
 
     def __init__(self, max_clients: int, max_kinds: int, *, follows_demand: bool = False) -> None:
-        """
-        Args:
-            max_clients: maximum number of subscriptions.
-            max_kinds: maximum number of different kinds of set.
-            follows_demand: True: frames are made when clients want them, so ``notify_demand`` wakes the scheduler.
-        """
+        """``follows_demand``: frames are made when clients want them, so ``notify_demand`` wakes the scheduler."""
         super().__init__(max_clients, "streams")
         self.generation = 0
         """Number of changes of parameters, faults or image source."""
@@ -228,9 +215,7 @@ class ImageSetHub(_Hub[Subscription]):
     def subscribe(self, kind: SetKind) -> Iterator[Subscription]:
         """Return a subscription for the duration of the block.
 
-        Raises:
-            LimitError: too many clients, or too many different requests.
-            StreamError: the hub is closed.
+        Raises LimitError for too many clients or different requests, StreamError if the hub is closed.
         """
         subscription = Subscription(kind, self)
         try:
@@ -264,14 +249,10 @@ class ImageSetHub(_Hub[Subscription]):
         return {s.kind for s in self._streams if s.state in states}
 
     def publish(self, kind: SetKind, frame_number: int, data: bytes, generation: int = 0) -> None:
-        """Store a set in every mailbox of this kind.
+        """Store a serialised set in every mailbox of this kind; sets of later frames replace those of earlier ones.
 
-        Args:
-            kind: contents of the set.
-            frame_number: number of the frame; sets of later frames replace those of earlier ones.
-            data: serialised set.
-            generation: generation of the hub when the frame was captured. Subscriptions of a later generation do not
-                get the set: a client that sets a parameter and then opens a stream expects sets with that parameter.
+        ``generation`` is that of the hub when the frame was captured. Subscriptions of a later generation do not get
+        the set: a client that sets a parameter and then opens a stream expects sets with that parameter.
         """
         for subscription in self._streams:
             if subscription.kind == kind and subscription.generation <= generation:
