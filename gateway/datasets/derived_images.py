@@ -65,12 +65,9 @@ def flow_between(
     """Return the flow from one camera to the next, (H, W, 2): pixels to the right and down.
 
     Surfaces that the next camera does not see, because others hide them or they are outside of its image, have a flow,
-    too. It is NaN for the background and for what is behind the next camera.
-
-    Args:
-        depth: depth image of ``camera``, (H, W), in metres.
-        X_next_camera: transform from the frame of ``camera`` to that of ``next_camera`` for the surface in each pixel,
-            (H, W, 4, 4); None: the scene is at rest.
+    too. It is NaN for the background and for what is behind the next camera. ``depth`` is an image of ``camera``, (H,
+    W), in metres. ``X_next_camera``, (H, W, 4, 4), leads from the frame of ``camera`` to that of ``next_camera`` for
+    the surface in each pixel; None: the scene is at rest.
     """
     columns = np.arange(camera.width) + 0.5
     rows = np.arange(camera.height)[:, None] + 0.5

@@ -37,19 +37,11 @@ def measured_depth(
     look: Look,
     noise_seed: int,
 ) -> NDArray[np.uint16]:
-    """Return depth as the stereo camera of a profile measures it.
+    """Return depth as the stereo camera of a profile measures it: (H, W) uint16, millimetres; 0: not measured.
 
-    It is along the optical axis, (H, W) uint16, in millimetres; 0: not measured. The camera has the default parameters
-    of its profile, at the full resolution.
-
-    Args:
-        depth_mode: source of the depth.
-        camera: left camera; has the lens of the profile.
-        look: background, and what is cut out.
-        noise_seed: seed of the noise.
-
-    Raises:
-        CameraError: the camera has another lens.
+    It is along the optical axis. The camera has the default parameters of its profile, at the full resolution;
+    ``camera`` is its left one. ``look`` gives background and cut-outs. Raises CameraError if ``camera`` has another
+    lens than the profile.
     """
     k = profile.model.intrinsics()
     expected = (k.width, k.height, k.focal_length, k.focal_length, k.cx, k.cy)

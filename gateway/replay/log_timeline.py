@@ -40,7 +40,7 @@ LINK_BYTES: Final = 100
 def open_log(
     path: Path, files: MeshFiles | None = None, on_progress: Callable[[int], None] = lambda position: None
 ) -> LogTimeline:
-    """Return the states of the tree over the time of a log.
+    """Return the states of the tree over the time of a log: requests of the tree viewer's clients, or Drake's messages.
 
     It reads the headers of the log, which takes a second for 600,000 messages. ``snapshot_at`` works at once: it
     extends the index to the time, so a seek far beyond the index takes as long as to decode what lies between. Each
@@ -52,14 +52,8 @@ def open_log(
             for time_ns in range(begin, end, 40_000_000):
                 snapshot = await timeline.snapshot_at(time_ns)
 
-    Args:
-        path: LCM log of requests of the tree viewer's clients, or of Drake's messages.
-        files: mesh files that the messages may name; None: none.
-        on_progress: called now and then with the bytes that were read.
-
-    Raises:
-        LogError: it is not an LCM log, or none of its messages can be shown.
-        OSError: it cannot be read.
+    ``files`` are mesh files that the messages may name. ``on_progress`` is called now and then with the bytes that were
+    read. Raises LogError if it is not an LCM log, or none of its messages can be shown; OSError.
     """
     return LogTimeline(path, files or MeshFiles(()), scan_log(path, on_progress))
 

@@ -45,12 +45,8 @@ class Dispatcher:
         store: DurableStore | None = None,
         listeners: Sequence[ChannelListener] = (),
     ) -> None:
-        """
-        Args:
-            pool: reads what the event loop does not.
-            store: storage of the tree; None: responses do not wait.
-            listeners: receivers of other channels.
-        """
+        """``pool`` reads what the event loop does not. ``store`` None: responses do not wait. ``listeners`` get other
+        channels."""
         self._protocol, self._config, self._pool = protocol, config, pool
         self._store, self._listeners = store, tuple(listeners)
         self._apply_lock = asyncio.Lock()

@@ -130,11 +130,8 @@ def deformation_of(
 ) -> Deformation | None:
     """Return the deformation of a primitive in a pose; None if the primitive is drawn as it is stored.
 
-    Args:
-        attributes: Accessors by attribute name, JOINTS_n and WEIGHTS_n among them.
-
-    Raises:
-        GltfError: An accessor of joints has the wrong type, or a vertex has more than ``4 * _MAX_INFLUENCES`` joints.
+    Accessors are by attribute name, JOINTS_n and WEIGHTS_n among them. Raises GltfError if one of joints has the wrong
+    type, or a vertex has more than ``4 * _MAX_INFLUENCES`` joints.
     """
     count = attributes["POSITION"].count
     targets: list[tuple[float, dict[str, Accessor]]] = []

@@ -62,18 +62,10 @@ class MeshoptError(ValueError):
 
 
 def decode_attributes(stream: NDArray[np.uint8], count: int, size: int) -> NDArray[np.uint8]:
-    """Decode a stream of mode ``ATTRIBUTES``.
+    """Decode a stream of mode ``ATTRIBUTES``, (N,) uint8, to ``count`` elements of ``size`` bytes, (count, size) uint8.
 
-    Args:
-        stream: (N,) uint8.
-        count: Number of elements.
-        size: Bytes of an element: a multiple of 4, at most 256.
-
-    Returns:
-        (count, size) uint8.
-
-    Raises:
-        MeshoptError: The stream has another header, is truncated, has bytes after its end, or an unknown mode.
+    The size is a multiple of 4, at most 256. Raises MeshoptError if the stream has another header or an unknown mode,
+    is truncated, or has bytes after its end.
     """
     return _decoded(_decode_attributes, ATTRIBUTES_HEADERS, stream, np.empty((count, size), np.uint8), count, size)
 
@@ -173,9 +165,8 @@ def _decode_block_byte(
 ) -> I64:
     """Decode one byte of the difference of each element of a block; return the position after it, or _NO_POSITION.
 
-    Args:
-        control: how the byte is stored, such as ``_ZEROS``.
-        begin, block_end: the block's elements.
+    ``control`` says how the byte is stored, such as ``_ZEROS``; the block has the elements from ``begin`` to
+    ``block_end``.
     """
     if control == _ZEROS:
         for element in range(begin, block_end):
@@ -234,12 +225,10 @@ def _add_differences(
     width: I64,
     rotation: I64,
 ) -> None:
-    """Replace the differences of an integer in the elements of a block by its values.
+    """Replace the differences of an integer in the elements of a block by its values; ``previous`` is the one before.
 
-    Args:
-        previous: the element before the block.
-        at, width: first byte of the integer in an element, and its number of bytes. If there are 4, the difference is
-            the exclusive or, rotated to the left by ``rotation`` bits; else it is zigzag-coded.
+    ``at`` and ``width`` are its first byte in an element, and its number of bytes. If there are 4, the difference is
+    the exclusive or, rotated to the left by ``rotation`` bits; else it is zigzag-coded.
     """
     mask = (1 << 8 * width) - 1
     value = _integer_at(previous, at, width)

@@ -56,8 +56,7 @@ def unit_tangents(values: Floats) -> Floats:
 def without_invalid_vertices(positions: Floats, elements: NDArray[np.uint32]) -> tuple[Floats, NDArray[np.uint32], int]:
     """Drop the triangles, lines and points with positions that are not finite.
 
-    Returns:
-        The positions with zeros instead of invalid ones, the remaining elements, and the number of dropped elements.
+    Return the positions with zeros instead of invalid ones, the remaining elements, and the number of dropped elements.
     """
     invalid = np.asarray(~np.isfinite(positions).all(axis=1))
     remaining = np.ascontiguousarray(elements[~invalid[elements].any(axis=1)])

@@ -20,12 +20,9 @@ def triangles_of_polygons(
 ) -> NDArray[np.int64]:
     """Return the (M, 3) triangles of polygons, one polygon after the other: two fewer than it has corners, or none.
 
-    Convex polygons are fans. Concave ones are cut into ears.
-
-    Args:
-        indices: vertices of the polygons.
-        starts, sizes: (N,) place of the first vertex of each in ``indices``, and number of its vertices.
-        positions: (V, 3) of the vertices. A polygon with a vertex that does not exist is a fan.
+    Convex polygons are fans. Concave ones are cut into ears. ``starts`` and ``sizes``, (N,), are the place of the first
+    vertex of each in ``indices``, and the number of its vertices. A polygon with a vertex that is not among the
+    ``positions``, (V, 3), is a fan.
     """
     counts = np.maximum(sizes - 2, 0)
     first = np.repeat(starts, counts)
@@ -73,9 +70,7 @@ def ears_of_concave_polygons(
 def triangles_of_rings(positions: NDArray[np.floating[Any]], sizes: NDArray[np.int64]) -> NDArray[np.int64]:
     """Return the (M, 3) triangles of a polygon with holes, as places in ``positions``.
 
-    Args:
-        positions: (N, 3) of the corners of the outline and then of each hole.
-        sizes: number of corners of each.
+    These are (N, 3): the corners of the outline and then of each hole, ``sizes`` of each.
     """
     if not np.isfinite(positions).all() or not 0 < sizes.sum() == len(positions):
         return np.zeros((0, 3), np.int64)

@@ -48,10 +48,7 @@ class MjcfGeometry:
     """Converts the geometries of a model. A mesh that several geometries use is converted once."""
 
     def __init__(self, mujoco: Any, model: Any, max_vertices: int) -> None:
-        """
-        Args:
-            max_vertices: maximum number of vertices of all meshes with a texture that repeats in different ways.
-        """
+        """Make at most ``max_vertices`` of all meshes with a texture that repeats in different ways."""
         self._model = model
         self._max_vertices = max_vertices
         self._kinds = mujoco.mjtGeom

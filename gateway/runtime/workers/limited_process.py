@@ -65,19 +65,14 @@ def no_files(name: str) -> bytes:
 def call_limited(
     function: str, arguments: tuple[Any, ...], limits: ProcessLimits, read_file: Callable[[str], bytes] = no_files
 ) -> bytes:
-    """Call a function in a child process, and return its result, encoded as MessagePack.
+    """Call a function, ``module:name``, in a child process, and return its result, encoded as MessagePack.
 
-    Args:
-        function: ``module:name``. The module should import little. The function's first argument is a function that
-            returns the bytes of a file by its name, or raises OSError.
-        arguments: The other arguments: values that MessagePack can encode.
-        limits: Limits of the child process.
-        read_file: Called in this process for each file that the function needs. If it raises OSError or
-            ValueError, the function gets an OSError.
+    The module should import little. The function's first argument returns the bytes of a file by its name, or raises
+    OSError: ``read_file`` does this in this process, and may raise OSError or ValueError. The other arguments are
+    values that MessagePack can encode.
 
-    Raises:
-        ProcessFailed: The child process failed or exceeded a limit.
-        Exception: The current ``StopFlag`` was set, with its error, or ``read_file`` raised it. The child is killed.
+    Raises ProcessFailed if the child process failed or exceeded a limit; else the error of ``read_file`` or of the
+    current ``StopFlag``, after which the child is killed.
     """
     module, _, name = function.partition(":")
     helper = _running_helper()
@@ -106,8 +101,7 @@ def _call(
 ) -> bytes:
     """Send a call, then the files that it needs, until the result arrives.
 
-    Raises:
-        EOFError, ConnectionError: The child process has ended, or the connection was shut down.
+    Raises EOFError or ConnectionError if the child process has ended, or the connection was shut down.
     """
     with connection.makefile("rwb") as stream:
         kind, body = CALL, msgspec.msgpack.encode((name, arguments))

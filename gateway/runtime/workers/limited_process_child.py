@@ -42,8 +42,7 @@ _PR_SET_PDEATHSIG: Final = 1
 def limit_this_process(memory_bytes: int, seconds: int) -> None:
     """Limit address space and CPU time of this process, and forbid it to write files.
 
-    Args:
-        memory_bytes: Address space beyond what the process has now.
+    ``memory_bytes`` are those beyond what the process has now.
     """
     limits = {
         resource.RLIMIT_CPU: (seconds, seconds + 1),  # SIGXCPU at the first, SIGKILL at the second
@@ -68,8 +67,7 @@ def send_message(stream: BufferedRWPair, kind: bytes, body: bytes) -> None:
 def receive_message(stream: BufferedRWPair, max_bytes: int = sys.maxsize) -> tuple[bytes, bytes]:
     """Return kind and body of the next message.
 
-    Raises:
-        EOFError: The other process has ended, or the body is longer than ``max_bytes``.
+    Raises EOFError if the other process has ended, or the body is longer than ``max_bytes``.
     """
     header = stream.read(_HEADER.size)
     if len(header) < _HEADER.size:

@@ -106,13 +106,9 @@ def freeze_gc() -> None:
 
 
 def listen(host: str, port: int) -> socket.socket:
-    """Return a listening TCP socket.
+    """Return a listening TCP socket. ``host``: name or address, IPv4 or IPv6.
 
-    Args:
-        host: name or address, IPv4 or IPv6.
-
-    Raises:
-        OSError: the port is in use, the address does not belong to this machine, or the name is unknown.
+    Raises OSError if the port is in use, the address does not belong to this machine, or the name is unknown.
     """
     family, kind, protocol, _, address = socket.getaddrinfo(
         host, port, type=socket.SOCK_STREAM, flags=socket.AI_PASSIVE

@@ -50,11 +50,9 @@ def yield_to_event_loop(niceness: int = BACKGROUND_NICENESS) -> None:
 
 
 def raise_niceness(thread: int, niceness: int) -> None:
-    """Give a thread of this process a niceness relative to the process. Lowering it needs privileges.
+    """Give a thread, by its native id, a niceness relative to the process. Lowering it needs privileges.
 
-    Args:
-        thread: native id of the thread.
-        niceness: at least 0; at 0 nothing changes.
+    It is at least 0; at 0 nothing changes.
     """
     if sys.platform == "linux" and niceness > 0:  # elsewhere niceness belongs to the process
         with contextlib.suppress(OSError):

@@ -32,11 +32,8 @@ class SharedResults(Generic[K, V]):
         self._computations: OrderedDict[K, _Computation[V]] = OrderedDict()
 
     async def get(self, key: K, compute: Callable[[], Coroutine[Any, Any, V]]) -> V:
-        """Return the result for a key. Start ``compute`` if there is neither a result nor a running task.
-
-        Raises:
-            Exception: the error of ``compute``.
-        """
+        """Return the result for a key; ``compute`` it, which may raise, if there is neither a result nor a running
+        task."""
         computation = self._computations.get(key)
         if computation is None:
             computation = self._computations[key] = _Computation(asyncio.get_running_loop().create_task(compute()))

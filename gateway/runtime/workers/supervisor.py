@@ -40,9 +40,7 @@ TERMINAL_SIGNALS: Final = (signal.SIGINT, signal.SIGHUP)
 async def send_heartbeats(connection: Connection, is_ready: Callable[[], bool]) -> None:
     """Send heartbeats from a process to its supervisor until cancelled: a process whose event loop hangs is replaced.
 
-    Args:
-        connection: connection to the supervisor.
-        is_ready: returns True if the process is ready, which the heartbeats state.
+    They state whether the process ``is_ready``.
     """
     os.set_blocking(connection.fileno(), False)
     while True:
@@ -60,11 +58,7 @@ class _Child:
     """The supervisor's side of a process."""
 
     def __init__(self, target: Callable[[Connection], object]) -> None:
-        """Start the process.
-
-        Raises:
-            OSError: the system has no resources for it.
-        """
+        """Start the process. Raises OSError if the system has no resources for it."""
         self.connection, connection = multiprocessing.Pipe(duplex=False)
         try:
             self.process = multiprocessing.get_context("spawn").Process(target=target, args=(connection,))
@@ -124,12 +118,11 @@ class Supervisor:
         unresponsive_seconds: float,
         stop_seconds: float,
     ) -> None:
-        """
-        Args:
-            target: function of each process; picklable. It gets the connection for ``send_heartbeats``.
-            count: number of processes.
-            unresponsive_seconds: time without heartbeat after which a process is killed and replaced.
-            stop_seconds: time in which a process ends after SIGTERM. It is killed ``KILL_SECONDS`` later.
+        """Supervise ``count`` processes that run ``target``, which is picklable and gets the connection for
+        ``send_heartbeats``.
+
+        A process without heartbeat for ``unresponsive_seconds`` is killed and replaced. One that has not ended
+        ``stop_seconds`` after SIGTERM is killed ``KILL_SECONDS`` later.
         """
         self._target = target
         self._count = count

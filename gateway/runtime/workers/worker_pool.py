@@ -162,19 +162,14 @@ class WorkerPool:
         nbytes: int = 0,
         **kwargs: P.kwargs,
     ) -> T:
-        """Call ``fn`` in a thread, with the caller's context variables, and return its result.
+        """Call ``fn`` in a thread, with the caller's context variables, and return its result, or raise its error.
 
         When the caller is cancelled, a waiting call is dropped, and a running one gets its stop flag set. A call that
         needs kernels that are being compiled ends, and is repeated afterwards: it must not occupy a thread meanwhile.
+        ``nbytes`` is the memory that the call keeps in use while it waits.
 
-        Args:
-            nbytes: memory that the call keeps in use while it waits.
-
-        Raises:
-            QueueFull: too many calls are waiting, or memory was short.
-            PoolClosed: ``close`` was called.
-            DeadlineExceeded: ``fn`` checked its stop flag (``renderers.stop``) after its time was over.
-            Exception: raised by ``fn``.
+        Raises QueueFull if too many calls are waiting, or memory was short; PoolClosed after ``close``;
+        DeadlineExceeded if ``fn`` checked its stop flag (``renderers.stop``) after its time was over.
         """
         function = partial(fn, *args, **kwargs)
         while True:
@@ -247,9 +242,7 @@ class WorkerPool:
     def spare_threads(self, cameras: WorkerPool, frame_threads: int) -> int:
         """Return the number of threads that no call needs, of this pool and those for one image beyond.
 
-        Args:
-            cameras: pool of the cameras, whose calls come first.
-            frame_threads: maximum number of threads for one image; 0: those of this pool.
+        Calls of ``cameras`` come first. ``frame_threads``: maximum for one image; 0: the threads of this pool.
         """
         return max(0, self.threads - self.calls - cameras.calls) + max(0, frame_threads - self.threads)
 
@@ -261,11 +254,8 @@ class WorkerPool:
         return is_full or stats.slow >= self.threads
 
     def check_capacity(self, arriving: int) -> None:
-        """Check whether a call could be queued behind ``arriving`` others that have not been submitted yet.
-
-        Raises:
-            QueueFull: it could not; counted as a rejected call.
-        """
+        """Raise QueueFull, counted as a rejected call, if no call could be queued behind ``arriving`` others not
+        submitted yet."""
         with self._lock:
             waiting = self.calls + self._deferred + arriving - self.threads
             if waiting >= self.max_waiting:
@@ -288,14 +278,10 @@ class WorkerPool:
             )
 
     async def close(self, limit: float = 10.0) -> bool:
-        """Reject new calls, finish the accepted ones, and end the threads.
+        """Reject new calls, finish the accepted ones, end the threads; return True if all ended within the limits.
 
-        Args:
-            limit: seconds after which waiting calls fail with ``PoolClosed`` and running ones are stopped with it.
-                Threads whose calls do not check their stop flag are left running.
-
-        Returns:
-            True if every thread ended within ``limit`` + ``STOPPING_SECONDS``.
+        ``limit`` seconds later, waiting calls fail with ``PoolClosed`` and running ones are stopped with it. Threads
+        whose calls do not check their stop flag within ``STOPPING_SECONDS`` more are left running.
         """
         with self._lock:
             self._closing = True

@@ -61,12 +61,7 @@ class WorkerReports:
     """Writes the reports of one process and reads those of all. Methods block for about a millisecond."""
 
     def __init__(self, folder: Path, count: int, pid: int | None = None) -> None:
-        """
-        Args:
-            folder: folder for the reports, empty when the first process starts.
-            count: number of processes that should run.
-            pid: id of the process that reports; None: this process.
-        """
+        """Report to a folder, empty when the first of ``count`` processes starts. ``pid`` None: this process."""
         self._folder = folder
         self.count = count
         self._pid = pid if pid is not None else os.getpid()
@@ -88,12 +83,8 @@ class WorkerReports:
             self.write("starting", "")
 
     def write(self, status: str, metrics: str) -> None:
-        """Replace the report of this process.
-
-        Args:
-            status: status of ``/readyz`` of this process alone.
-            metrics: its metrics, in Prometheus' exposition format.
-        """
+        """Replace the report of this process: its status of ``/readyz``, and its metrics in Prometheus' exposition
+        format."""
         if status == "starting" and self.is_replacement:
             status = "restarting"
         report = WorkerReport(self._pid, status, metrics, self._replaced_metrics, time.monotonic())
@@ -102,11 +93,8 @@ class WorkerReports:
         temporary.replace(self._file(self._pid))
 
     def describe(self, own: str) -> tuple[str, dict[str, Any]]:
-        """Return the combined status, and the fields of ``workers`` in ``/healthz`` as JSON values.
-
-        Args:
-            own: current status of this process.
-        """
+        """Return the combined status, given this process's, and the fields of ``workers`` in ``/healthz`` as JSON
+        values."""
         states = {self._pid: own, **{report.pid: report.state() for report in self._others()}}
         running = {pid: state for pid, state in states.items() if state != "ended"}
         return combined_status(own, tuple(states.values()), self.count), {
@@ -116,11 +104,7 @@ class WorkerReports:
         }
 
     def sum_metrics(self, own: str) -> bytes:
-        """Return the sum of the metrics of all processes, in Prometheus' exposition format.
-
-        Args:
-            own: current metrics of this process.
-        """
+        """Return the sum of the metrics of all processes, given this one's, in Prometheus' exposition format."""
         running, ended = [own], [self._replaced_metrics]
         for report in self._others():
             metrics = ended if report.state() == "ended" else running
@@ -141,17 +125,12 @@ class WorkerReports:
 
 
 def combined_status(own: str, states: Sequence[str], count: int) -> str:
-    """Return the status of all processes together.
+    """Return the status of all ``count`` processes together, given that of the responding one and the states of all.
 
-    Args:
-        own: status of the responding process.
-        states: states of all processes, its own included. Those that are ``ended`` have no replacement yet.
-        count: number of processes that should run.
-
-    Returns:
-        ``stopping`` if the responding process stops; ``starting`` until each process has been ready once;
-        ``ready`` if all serve; ``busy`` if all have a full queue; ``degraded`` if some serve and the others are
-        restarting, silent or failed; else the responding process's own status.
+    States that are ``ended`` have no replacement yet. The status is ``stopping`` if the responding process stops;
+    ``starting`` until each process has been ready once; ``ready`` if all serve; ``busy`` if all have a full queue;
+    ``degraded`` if some serve and the others are restarting, silent or failed; else the responding process's own
+    status.
     """
     counts = Counter(states)
     running = len(states) - counts["ended"]
@@ -168,10 +147,8 @@ def combined_status(own: str, states: Sequence[str], count: int) -> str:
 def sum_expositions(running_texts: Iterable[str], ended_texts: Iterable[str] = ()) -> bytes:
     """Return the metrics of all processes together, in the same format.
 
-    Args:
-        running_texts: texts of running processes.
-        ended_texts: texts of processes that have ended. Only their counters and histograms are added, since Prometheus
-            interprets a counter that decreases as a restart from 0.
+    Of processes that have ended, only counters and histograms are added, since Prometheus interprets a counter that
+    decreases as a restart from 0.
     """
     total = _SumCollector()
     for text in running_texts:
