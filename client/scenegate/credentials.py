@@ -34,8 +34,7 @@ class Credentials:
     def __post_init__(self) -> None:
         """Check the token, and that certificate and key are given together.
 
-        Raises:
-            ValueError: the token has invalid characters, or only one of certificate and key is given.
+        Raises ValueError for a token with invalid characters, or if only one of certificate and key is given.
         """
         if self.token is not None and not (self.token.isascii() and self.token.isprintable() and self.token.strip()):
             raise ValueError("the token must be printable ASCII characters")

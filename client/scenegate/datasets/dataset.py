@@ -268,10 +268,9 @@ class Sample:
 
 
 def decode_flow(data: bytes, location: str) -> NDArray[np.float32]:
-    """Return the flow in the content of a file, (H, W, 2); NaN: not known. Messages begin with ``location``.
+    """Return the flow in the content of a file, (H, W, 2); NaN: not known.
 
-    Raises:
-        RecordError: the data is not a flow file.
+    Raises RecordError, which begins with ``location``, if the data is not a flow file.
     """
     magic, width, height = struct.unpack_from("<fii", data) if len(data) >= FLOW_HEADER_BYTES else (0.0, 0, 0)
     if magic != FLOW_MAGIC or min(width, height) < 1 or len(data) != FLOW_HEADER_BYTES + 8 * width * height:

@@ -58,25 +58,18 @@ class Transport(Protocol):
     def start(self, on_message: OnMessage, on_connect: Callable[[], None]) -> None:
         """Connect, and receive messages in the running event loop.
 
-        Args:
-            on_message: called with each received message.
-            on_connect: called whenever a connection is made. A transport without connections calls it at once.
+        ``on_connect`` is called whenever a connection is made; a transport without connections calls it at once.
         """
 
     def publish(self, channel: str, message: bytes | bytearray) -> None:
         """Send a message, or queue it. Must not block.
 
-        Raises:
-            OSError: not connected, or too many bytes are queued.
-            ValueError: the channel name or the message is too long for the network.
+        Raises OSError if not connected, or too many bytes are queued; ValueError if the channel name or the message is
+        too long for the network.
         """
 
     async def drain(self, max_bytes: int) -> None:
-        """Wait until at most ``max_bytes`` are queued for sending.
-
-        Raises:
-            OSError: the connection is lost.
-        """
+        """Wait until at most ``max_bytes`` are queued for sending. Raises OSError if the connection is lost."""
 
     async def finish(self) -> None:
         """Wait until all published messages are sent. Nothing can be published afterwards."""

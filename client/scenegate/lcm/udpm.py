@@ -54,8 +54,7 @@ class Fragment(NamedTuple):
 def datagrams(channel: str, data: bytes | bytearray, sequence: int) -> Iterator[list[bytes | bytearray | memoryview]]:
     """Yield the datagrams of a message, each as a list of buffers for ``sendmsg``.
 
-    Raises:
-        ValueError: the channel name is too long, or the message needs more fragments than can be numbered.
+    Raises ValueError if the channel name is too long, or the message needs more fragments than can be numbered.
     """
     name = channel.encode() + b"\0"
     if len(name) > MAX_CHANNEL_BYTES + 1:

@@ -56,11 +56,10 @@ class Assembler:
     def __init__(
         self, prefixes: tuple[bytes, ...], max_message: int, max_bytes: int, clock: Callable[[], float] = time.monotonic
     ) -> None:
-        """
-        Args:
-            prefixes: starts of the channel names to receive; with a NUL at the end, whole names.
-            max_message: maximum bytes of one message.
-            max_bytes: maximum bytes of all incomplete messages. Beyond it, the oldest ones are discarded.
+        """Receive channel names that start with a prefix; with a NUL at the end, it is a whole name.
+
+        One message may have ``max_message`` bytes. Beyond ``max_bytes`` of all incomplete ones, the oldest are
+        discarded.
         """
         self._prefixes = prefixes
         self._max_message = max_message

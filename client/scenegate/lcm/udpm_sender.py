@@ -21,12 +21,9 @@ class UdpmSender:
     """Sends datagrams in order, and queues those that the kernel does not accept yet."""
 
     def __init__(self, sock: socket.socket, address: tuple[str, int], url: str, max_unsent: int) -> None:
-        """
-        Args:
-            sock: non-blocking socket to send with. The sender closes it.
-            address: multicast address and port.
-            url: LCM URL, for error texts.
-            max_unsent: maximum bytes in the queue. A single message may be larger.
+        """Send with a non-blocking socket, which the sender closes, to a multicast address. Errors name the URL.
+
+        The queue has at most ``max_unsent`` bytes, but for a single larger message.
         """
         self._socket = sock
         self._address = address

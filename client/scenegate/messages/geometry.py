@@ -131,11 +131,7 @@ class Geometry(msgspec.Struct, frozen=True, kw_only=True, gc=False, omit_default
         cls.__doc__ = doc + _ATTRIBUTES + "\n".join(filter(None, (fields, inherited)))
 
     def __post_init__(self) -> None:
-        """Check the fields, so that an error points at the line that has them.
-
-        Raises:
-            ValueError: a field is invalid.
-        """
+        """Check the fields, so that an error points at the line that has them. Raises ValueError."""
         self.body()
 
     def body(self) -> dict[str, Any]:
@@ -175,9 +171,7 @@ def fields_of(geometry: type[Geometry]) -> tuple[Field, ...]:
 def read_fields(geometry: type[Geometry], values: Mapping[str, Any], reader: FieldReader) -> dict[str, Any]:
     """Return the fields of ``fields_of`` from a decoded JSON object. null counts as absent.
 
-    Raises:
-        CommandError: a field is missing or invalid.
-        NothingToDraw: a field has a value that cannot be drawn.
+    Raises CommandError if a field is missing or invalid, NothingToDraw if it has a value that cannot be drawn.
     """
     fields = {}
     for name, kind, required, default in fields_of(geometry):

@@ -97,10 +97,8 @@ def spellings(name: str) -> list[str]:
 def referenced_path(mesh: Path, name: str) -> Path:
     """Return the path of a file that a mesh file refers to, which need not exist.
 
-    Args:
-        mesh: Path of the mesh file.
-        name: Path relative to it, in any of ``spellings``. As in Gazebo, images of a model may also lie in its folder
-            ``materials/textures``, beside the folder of its meshes.
+    The name is relative to the mesh file, in any of ``spellings``. As in Gazebo, images of a model may also lie in its
+    folder ``materials/textures``, beside the folder of its meshes.
     """
     paths = [mesh.parent / spelling for spelling in spellings(name)]
     textures = mesh.parent / ".." / "materials" / "textures"
@@ -109,12 +107,9 @@ def referenced_path(mesh: Path, name: str) -> Path:
 
 
 def referenced_files(data: bytes, suffix: str, read: Callable[[str], bytes]) -> dict[str, bytes]:
-    """Return the files that a mesh file refers to, by name as in the mesh file. Files that cannot be read are left out.
+    """Return the files that a mesh file refers to, by name as in it. Files that cannot be read are left out.
 
-    Args:
-        data: The mesh file.
-        suffix: One of ``MESH_SUFFIXES``.
-        read: Returns the bytes of a file by its name; may raise OSError or ValueError.
+    ``read`` returns the bytes of a file by its name; it may raise OSError or ValueError.
     """
     files_by_name: dict[str, bytes] = {}
     names = list(_referenced_names(data, suffix))  # a stack: material files add the names of their images

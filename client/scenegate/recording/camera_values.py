@@ -26,13 +26,8 @@ class CameraConverter:
     def convert(self, image_set: pb.ImageSet, *, depth_only: bool = False) -> list[ExposureImages]:
         """Return the images of a set and the values computed from them, grouped by the time of exposure.
 
-        The right image is left out until a set with disparity was converted, which has the baseline.
-
-        Args:
-            depth_only: leave out left and right. The left image still colours the points.
-
-        Raises:
-            BadImageError: an image is invalid.
+        The right image is left out until a set with disparity was converted, which has the baseline. ``depth_only``
+        leaves out left and right; the left image still colours the points. Raises BadImageError.
         """
         left = image_set.left if image_set.HasField("left") else None
         fields_by_time: defaultdict[int, dict[str, Any]] = defaultdict(lambda: {"images": {}})

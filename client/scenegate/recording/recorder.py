@@ -88,17 +88,10 @@ class SceneWriter:
     def write(
         self, value: ViewFrame | pb.ImageSet, log_time_ns: int, *, is_first: bool = False, depth_only: bool = False
     ) -> None:
-        """Write a received value.
+        """Write a received value with its log time, nanoseconds since the epoch. ``is_first``: of a connection.
 
-        Args:
-            value: frame of the view, image set or sample.
-            log_time_ns: nanoseconds since the epoch.
-            is_first: True for the first value of a connection.
-            depth_only: True: left and right image of the set are not written.
-
-        Raises:
-            ViewFrameError, BadImageError: the value is invalid.
-            OSError: a file cannot be written.
+        ``depth_only``: left and right image of the set are not written. Raises ViewFrameError or BadImageError if the
+        value is invalid, OSError if a file cannot be written.
         """
         if is_first and isinstance(value, ViewFrame):
             self._mirror.reconnect()
@@ -153,16 +146,10 @@ def record(
 ) -> SceneWriter:
     """Record until ``stop`` is set or the time is over.
 
-    The file is opened when all sources have sent something, and complete also after an error.
-
-    Args:
-        report: called with the writer after each value, and then at least every ``POLL_SECONDS``.
-
-    Raises:
-        GatewayError, StreamFailure: a source cannot be reached at first, or has sent nothing.
-        ViewFrameError, BadImageError: a source has sent something invalid.
-        ImportError: packages of the profile are not installed.
-        OSError: a file cannot be written, or a certificate not read.
+    The file is opened when all sources have sent something, and complete also after an error. ``report`` is called with
+    the writer after each value, and then at least every ``POLL_SECONDS``. Raises GatewayError or StreamFailure if a
+    source cannot be reached at first, or has sent nothing; ViewFrameError or BadImageError if it has sent something
+    invalid; ImportError without the packages of the profile; OSError.
     """
     profile = Profile(options.profile)
     received: queue.Queue[Received | Exception] = queue.Queue(QUEUED_ITEMS)
@@ -197,10 +184,8 @@ def record(
 def _wait_for_sources(values: Iterator[Received | None], silent: set[SourceName], deadline: float) -> list[Received]:
     """Return what to write when all sources have sent something: the scene's messages, and the first one of depth.
 
-    Args:
-        values: those of ``_received``.
-        silent: sources that have sent nothing yet, changed.
-        deadline: time at which the wait ends, seconds of the monotonic clock.
+    ``silent`` are the sources that have sent nothing yet, changed. The wait ends at ``deadline`` of the monotonic
+    clock.
     """
     begun: list[Received] = []
     for item in values:

@@ -55,13 +55,10 @@ Receive = Callable[[], Iterator[ViewFrame | pb.ImageSet]]
 
 
 def start_receiving(source: SourceName, receive: Receive, received: queue.Queue[Received | Exception]) -> None:
-    """Start a thread that puts what an iterator yields into a queue, until the iterator ends.
+    """Start a thread that puts what the iterator of ``receive`` yields into a queue, until it ends.
 
     After an error it begins again if the iterator has yielded before, or the gateway was unreachable, at first for
     ``WAIT_SECONDS``.
-
-    Args:
-        receive: returns the iterator.
     """
     threading.Thread(target=_receive, args=(source, receive, received), name=source, daemon=True).start()
 
@@ -88,15 +85,10 @@ def _receive(source: SourceName, receive: Receive, received: queue.Queue[Receive
 
 
 def scene_frames(address: str, credentials: Credentials) -> Iterator[ViewFrame]:
-    """Yield the frames of a gateway's view, ``http://HOST:PORT``. Raises ViewFrameError, or OSError for a certificate.
+    """Yield the frames of a gateway's view; ``address`` is that of its HTTP port, ``http://HOST:PORT``.
 
-    Args:
-        address: of the gateway's HTTP port, ``http://HOST:PORT``.
-
-    Raises:
-        GatewayError: the gateway does not respond (``Unreachable``), or refuses the connection.
-        ViewFrameError: the gateway has sent something invalid.
-        OSError: a certificate cannot be read.
+    Raises GatewayError if the gateway does not respond (``Unreachable``), or refuses the connection; ViewFrameError if
+    it has sent something invalid; OSError if a certificate cannot be read.
     """
     host, port, path, context = parse_address(address, credentials)
     host = f"[{host}]" if ":" in host else host

@@ -186,22 +186,15 @@ class GatewayPool:
     """Running gateways by their flags, shared by tests with the same flags."""
 
     def __init__(self, make_log_folder: Callable[[], Path], seconds: float) -> None:
-        """
-        Args:
-            make_log_folder: Returns a new folder for the log of one gateway.
-            seconds: As for ``Gateway``.
-        """
+        """``make_log_folder`` returns a new folder for the log of one gateway; ``seconds`` as for ``Gateway``."""
         self._make_log_folder = make_log_folder
         self._seconds = seconds
         self._gateways: dict[tuple[str, ...], Gateway] = {}
 
     def get(self, flags: tuple[str, ...], scene: Path | None, *, fresh: bool) -> Gateway:
-        """Return a gateway whose tree contains the scene only; start one if none with these flags runs.
+        """Return a gateway with these flags whose tree contains the scene only (None: nothing); start one if none runs.
 
-        Args:
-            flags: Flags of ``scenegate serve``.
-            scene: File to publish; None: the tree is empty.
-            fresh: Start a process that is not kept for other tests.
+        ``fresh``: start a process that is not kept for other tests.
         """
         if scene is not None and not scene.is_file():
             raise FileNotFoundError(f"the scene {scene} does not exist")

@@ -29,11 +29,9 @@ class ControlPanel:
     def __init__(
         self, send: Callable[[Changes], Answer], threads: CallbackThreads, record: Callable[[Changes], None]
     ) -> None:
-        """
-        Args:
-            send: sends changes and waits for the response.
-            threads: run the callbacks.
-            record: records changes that are not sent: the page has moved a node.
+        """Send changes with ``send``, which waits for the response; run callbacks in ``threads``.
+
+        ``record`` records changes that are not sent: the page has moved a node.
         """
         self.threads = threads
         self._send = send

@@ -76,8 +76,7 @@ class JointSliders:
 def _range(joint: Joint, value: float) -> tuple[float, float]:
     """Return the limits of a slider. They include the value, which the file or a program may have set beyond.
 
-    Raises:
-        ValueError: the value is beyond ``MAX_NUMBER``.
+    Raises ValueError if it is beyond ``MAX_NUMBER``.
     """
     if abs(value) > MAX_NUMBER:
         raise ValueError(f"joint {joint.name!r} has the value {value:g}, the limit of a slider is {MAX_NUMBER:g}")

@@ -103,9 +103,8 @@ def read_robot_for(
 ) -> Robot[Geometry]:
     """Read a robot file in the form that the viewer shows, by the client's reader or the server's.
 
-    Args:
-        reads_files: returns True if the viewer reads the content of mesh files.
-        options: arguments of both readers; see ``TreeViewer.robot`` for the others and for errors.
+    ``reads_files`` returns True if the viewer reads the content of mesh files. ``options`` are arguments of both
+    readers; see ``TreeViewer.robot`` for the others and for errors.
     """
     from importlib.metadata import entry_points  # these are slow to import, and most clients publish no robots
 

@@ -179,8 +179,7 @@ class TreeViewer(NotebookViews, Closing):
     def _resend_subscriptions(self, *, is_last: bool = False) -> None:
         """Send clickable paths and controls without waiting for the response, or for a connection that is lost.
 
-        Args:
-            is_last: True: end the subscription to clicks, and remove the controls.
+        ``is_last``: end the subscription to clicks, and remove the controls.
         """
         with self._panel.send_lock:
             changes = Changes()
