@@ -41,10 +41,7 @@ def open_regular(path: str | os.PathLike[str], *, follow_links: bool = True) -> 
 
 
 def read_regular(path: str | os.PathLike[str], max_bytes: int = MAX_BYTES, *, follow_links: bool = True) -> bytes:
-    """Return the bytes of a regular file.
-
-    Raises OSError if it cannot be read, is not regular, has more than ``max_bytes``, or is a pointer of Git LFS.
-    """
+    """Return the bytes of a file. Raises OSError if it is not regular, too large, or a pointer of Git LFS."""
     with open_regular(path, follow_links=follow_links) as file:
         if os.fstat(file.fileno()).st_size > max_bytes:
             raise _too_large(path, max_bytes)

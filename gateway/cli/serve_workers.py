@@ -32,10 +32,7 @@ _OLD_SECONDS: Final = 60.0
 
 
 def serve_workers(settings: Settings, listener: socket.socket) -> int:
-    """Serve until a signal, and return the exit code. The supervisor replaces processes that end or hang.
-
-    All processes accept connections from ``listener``.
-    """
+    """Supervise processes, which all accept connections from ``listener``, until a signal; return the exit code."""
     log = structlog.get_logger("gateway")
     process_tuning.freeze_gc()
     with ExitStack() as stack:

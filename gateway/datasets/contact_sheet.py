@@ -59,10 +59,7 @@ document.querySelector("select").onchange = (event) => {
 
 
 def contact_sheet(dataset: Dataset, count: int) -> str:
-    """Return an HTML page of up to ``count`` random samples, the same ones for each call.
-
-    Raises RecordError, or ValueError if the dataset has no samples.
-    """
+    """Return an HTML page of ``count`` samples, random but equal for each call. Raises RecordError, ValueError."""
     if not len(dataset):
         raise ValueError(f"{dataset.folder} has no samples")
     # Evenly spaced samples could all be of one camera.

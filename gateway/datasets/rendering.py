@@ -246,10 +246,7 @@ def _encode(frame: Frame, image_type: ImageType, file_format: str) -> bytes:
 
 
 def render_request(renderer: Renderer, request: RenderRequest, settings: Settings) -> tuple[Camera, ImageType, bytes]:
-    """Render a recorded request like the render endpoint, with the settings of the dataset.
-
-    Return its camera, the type of its image and the encoded image. Raises RequestError.
-    """
+    """Render a request as the endpoint does; return camera, type and encoded image. Raises RequestError."""
     style = style_of(settings)
     samples = style.samples or (STUDIO_SAMPLES if style.look == "studio" else 1)  # whatever the requests choose
     config = RenderConfig(

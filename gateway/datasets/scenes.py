@@ -97,10 +97,7 @@ class LoadedScene:
         return scene_views(1, self.scenario.catalogue.scenario.frame_count)[0]
 
     def at_frame_of(self, view: View) -> tuple[LoadedScene, View]:
-        """Return the scene at the frame of a view, and the view with the pose of its camera; usually both unchanged.
-
-        Raises ScenarioError if the frame cannot be made.
-        """
+        """Return the scene and the view at the frame of a view, usually unchanged. Raises ScenarioError."""
         if not isinstance(view.pose, SceneCamera):
             return self, view
         assert self.scenario is not None

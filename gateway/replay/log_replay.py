@@ -119,10 +119,7 @@ class LogReplay(Closing):
     """Replays a log from one of its states. Not thread-safe."""
 
     def __init__(self, path: Path, files: MeshFiles, state: ReplayState | None = None) -> None:
-        """Begin with a state, or None before the first event, of which messages may name ``files``.
-
-        Raises OSError, or EventLogError if it is not an LCM log.
-        """
+        """Begin with a state; None: before the first event. Messages may name ``files``. Raises EventLogError."""
         state = state or ReplayState()
         self._files = files
         self.incomplete = IncompleteMessages()

@@ -183,10 +183,7 @@ async def _scene(context: Context) -> LiveTree | None:
 
 
 def config_of(settings: Settings, number: int = 0, camera: MountedCamera | None = None) -> StereoConfig:
-    """Return the configuration of the camera of a pipeline, from its entry in ``--stereo-cameras`` (None: camera 0).
-
-    Raises ProfileError if its profile cannot be used.
-    """
+    """Return a camera's configuration, of ``--stereo-cameras`` (None: camera 0). Raises ProfileError."""
     tls = None
     if settings.grpc_certificate is not None and settings.grpc_key is not None:
         tls = Tls(settings.grpc_certificate, settings.grpc_key, settings.grpc_client_ca)

@@ -33,10 +33,7 @@ NO_TELEMETRY: Final[TelemetryConfig] = {"tracing": False, "metrics": False, "log
 
 
 def start(environ: Mapping[str, str] = os.environ) -> TracerProvider | None:
-    """Let ``tracing.span`` create spans if they have a destination; return our provider, to be closed.
-
-    With ``opentelemetry-instrument``, spans go to its provider.
-    """
+    """Let ``tracing.span`` create spans if they have a destination; return our provider, to be closed, or None."""
     given = trace.get_tracer_provider()
     if not isinstance(given, trace.ProxyTracerProvider):
         tracing.use(given)

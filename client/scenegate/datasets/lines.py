@@ -26,10 +26,7 @@ class Lines:
     """
 
     def __init__(self, path: Path) -> None:
-        """Open a file, and find the starts of its lines.
-
-        Raises RecordError if it is not readable, a line exceeds ``MAX_LINE_BYTES``, or the last line has no newline.
-        """
+        """Open a file. Raises RecordError: not readable, a line beyond ``MAX_LINE_BYTES``, no newline at the end."""
         self._path = path
         self._descriptor = self._open()
         line_starts: list[NDArray[np.int64]] = [np.zeros(1, np.int64)]

@@ -21,10 +21,7 @@ _FACE: Final = np.dtype([("count", "u1"), ("corners", "<i4", 3)])
 
 
 def read_ply(path: Path) -> tuple[NDArray[np.float64], NDArray[np.int32]]:
-    """Return the vertices, (N, 3) metres, and triangles, (M, 3), of a model of a dataset.
-
-    Raises RecordError if it is not a file as ``scenegate render`` writes it.
-    """
+    """Return vertices, (N, 3) metres, and triangles, (M, 3), of a dataset's model. Raises RecordError for others."""
     with errors_as(RecordError, path):
         data = read_regular(path)
     match = _HEADER.match(data)

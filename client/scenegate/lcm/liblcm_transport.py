@@ -26,10 +26,7 @@ class LiblcmTransport:
     """``Transport`` by liblcm. Must be created before many files are open (see ``MAX_OPEN_FILES``)."""
 
     def __init__(self, url: str, pattern: str, max_queued_bytes: int) -> None:
-        """Join the network, and receive the channels of a regular expression.
-
-        Raises LcmUnavailableError if liblcm cannot be loaded, or refuses the URL or the pattern.
-        """
+        """Join the network, and receive the channels of a regular expression. Raises LcmUnavailableError."""
         self.url = url
         self.queue = ReceiveQueue(max_queued_bytes)
         self._loop: asyncio.AbstractEventLoop | None = None
@@ -83,10 +80,7 @@ class LiblcmTransport:
 
 
 def _connect(url: str) -> Any:
-    """Return a new LCM object, connected to the network.
-
-    Raises LcmUnavailableError if liblcm cannot be loaded or refuses the URL, or too many files are open.
-    """
+    """Return a connected LCM object. Raises LcmUnavailableError, also if too many files are open."""
     try:
         import lcm
     except ImportError as error:

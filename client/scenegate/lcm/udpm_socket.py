@@ -57,10 +57,7 @@ _MEMINFO: Final = struct.Struct("9I")
 
 
 def receive_socket(url: str, network: UdpmUrl) -> socket.socket:
-    """Return a non-blocking socket that has joined the multicast group.
-
-    Raises LcmUnavailableError if another program uses the port exclusively, or there is no route.
-    """
+    """Return a non-blocking socket that has joined the group. Raises LcmUnavailableError: port taken, or no route."""
     sock = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
     try:
         sock.setblocking(False)

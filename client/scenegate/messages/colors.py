@@ -107,10 +107,7 @@ def _bytes(name: str, values: NDArray[Any]) -> NDArray[np.uint8]:
 
 
 def check_range(name: str, values: NDArray[Any]) -> None:
-    """Check that colours or intensities are uint8, or floats from 0 to 1. Raises ValueError, with ``name``.
-
-    NaN is allowed; the viewer shows it as 0.
-    """
+    """Raise ValueError, with ``name``, unless colours are uint8 or floats from 0 to 1. NaN is allowed, shown as 0."""
     if values.dtype == np.uint8 or not values.size:
         return
     low, high = values.min(), values.max()

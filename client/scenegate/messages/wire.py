@@ -55,10 +55,7 @@ class Comms(msgspec.Struct, frozen=True, gc=False):
 
 
 def decode(message: bytes | memoryview) -> Comms:
-    """Decode an LCM message. Bytes after its end are ignored, as in LCM.
-
-    Raises WireError if the fingerprint or the header is invalid, so no response is possible.
-    """
+    """Decode an LCM message; bytes after its end are ignored. Raises WireError if no response to it is possible."""
     view = memoryview(message)
     size = len(view)
     if size < _HEADER.size:

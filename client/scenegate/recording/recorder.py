@@ -223,10 +223,7 @@ def _names(sources: set[SourceName], options: RecordingOptions) -> str:
 
 
 def _received(received: queue.Queue[Received | Exception], stop: threading.Event) -> Iterator[Received | None]:
-    """Yield what is received until ``stop`` is set, and None whenever ``POLL_SECONDS`` have passed without.
-
-    Raises the exception of a source that cannot be reached.
-    """
+    """Yield what is received until ``stop`` is set, None every ``POLL_SECONDS``. Raises errors of sources."""
     while not stop.is_set():
         try:
             item = received.get(timeout=POLL_SECONDS)

@@ -59,10 +59,7 @@ def transforms(values: Iterable[FrameTransform], time_ns: int) -> Message:
 
 
 def entities(values: Iterable[Entity], time_ns: int) -> Message:
-    """Return ``visualization_msgs/MarkerArray``, which replaces or deletes the geometry of nodes.
-
-    A node's frame is the namespace of its markers.
-    """
+    """Return ``visualization_msgs/MarkerArray``: new or deleted geometry. A frame is a namespace of markers."""
     markers: list[Fields] = []
     for entity in values:
         markers += [_marker(entity.frame, index, each, time_ns) for index, each in enumerate(entity.primitives)]

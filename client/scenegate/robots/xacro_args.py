@@ -16,10 +16,7 @@ _FIND: Final = re.compile(r"(?:file://)?\$\(find ([^()$]+)\)")
 
 
 def parse_xacro_args(texts: Iterable[str]) -> dict[str, str]:
-    """Return the values by name, from texts such as ``dof:=7``, as on the command line of xacro.
-
-    Raises RobotFileError if a text is not ``name:=value``, or a name appears twice.
-    """
+    """Return values by name of texts such as ``dof:=7``. Raises RobotFileError for others, or a name twice."""
     values: dict[str, str] = {}
     for text in texts:
         name, separator, value = text.partition(":=")

@@ -97,10 +97,7 @@ class ClickListener:
         self._lock = threading.Lock()
 
     def add(self, path: Path, callback: Callback) -> Callable[[], None]:
-        """Add a callback for clicks at and below a path; return the function that removes it.
-
-        Raises TypeError if it is a coroutine function, or cannot be called.
-        """
+        """Add a callback for clicks at and below a path; return the function that removes it. Raises TypeError."""
         check_callback(callback, "on_click")
         entry = (path, callback)
         with self._lock:

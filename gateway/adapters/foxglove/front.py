@@ -29,10 +29,7 @@ _log = structlog.get_logger("foxglove")
 
 
 def inner_host() -> str:
-    """Return an address of this machine at which pages do not find the SDK's server: one of 16 million.
-
-    macOS has 127.0.0.1 alone.
-    """
+    """Return one of 16 million addresses of this machine, which pages do not find. macOS has 127.0.0.1 alone."""
     if sys.platform == "darwin":
         return "127.0.0.1"
     return ".".join(["127", *(str(1 + secrets.randbelow(254)) for _ in range(3))])

@@ -39,10 +39,7 @@ def line(
     head_radius: float,
     head_length: float | None,
 ) -> tuple[Part, ...]:
-    """Return a polyline through the drawable points; nothing if there are fewer than two.
-
-    A ``line_width`` without a ``radius`` makes it a hairline, otherwise it is a tube.
-    """
+    """Return a polyline through drawable points, or nothing. Without ``radius``, ``line_width`` makes a hairline."""
     drawable_points, drawable = _drop_undrawable(points)
     if drawable is not None:
         count = len(points) - len(drawable_points)

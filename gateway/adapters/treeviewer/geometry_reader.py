@@ -22,10 +22,7 @@ from scenegate.messages.mesh_file import MeshFile
 
 
 def read_parts(command: Mapping[str, Any], context: ReadContext) -> tuple[Part, ...]:
-    """Return the parts of a setgeometry command. ``geometry`` overrides ``geometries``, as in Director.
-
-    Raises CommandError if a field is missing or invalid.
-    """
+    """Return the parts of a command. ``geometry`` overrides ``geometries``, as in Director. Raises CommandError."""
     single = command.get("geometry")
     if single is not None:
         return read_geometry(single, context, "geometry")

@@ -224,10 +224,7 @@ class Browser:
         return missing
 
     def take_forget_frame(self) -> bytes | None:
-        """Return a frame by which the page drops its outdated meshes, or None if it has none.
-
-        A page that shows a released state still needs them.
-        """
+        """Return a frame that drops outdated meshes; None without, or while the page shows a released state."""
         if not self._outdated_meshes or self.state is BrowserState.RELEASED:
             return None
         outdated, self._outdated_meshes = self._outdated_meshes, set()

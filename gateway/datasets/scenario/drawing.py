@@ -35,10 +35,7 @@ _STREAMS: Final = ("surfaces", "models", "distractors", "places", "cameras", "li
 
 
 def draw_choices(catalogue: Catalogue, number: int) -> SceneChoices:
-    """Return the choices of a scene. The same scenario, files and number give the same choices.
-
-    Raises ScenarioError if a file cannot be used, or no object could be placed.
-    """
+    """Return the choices of a scene, equal for the same scenario, files and number. Raises ScenarioError."""
     return _Drawing(catalogue, number).choices()
 
 

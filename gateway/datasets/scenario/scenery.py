@@ -88,10 +88,7 @@ def _middle_in_size(image: NDArray[np.uint8], width: int, height: int) -> NDArra
 
 
 def scenery_of(choices: SceneChoices, folder: Path, frame: int) -> Scenery:
-    """Return the scenery of a frame of a scene, whose files are relative to a folder.
-
-    Raises OSError, RigFileError or ImageError.
-    """
+    """Return a frame's scenery, of files relative to a folder. Raises OSError, RigFileError or ImageError."""
     background = choices.background
     image = read_image(folder / background.image) if background.image else None
     seed = (choices.seed << 20 ^ choices.number) & (2**63 - 1)

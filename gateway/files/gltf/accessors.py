@@ -129,10 +129,7 @@ class Accessors:
         self._accessors: dict[int, Accessor] = {}
 
     def get(self, index: int, path: str) -> Accessor:
-        """Return ``accessors[index]``, to which the property ``path`` refers.
-
-        Raises GltfError if it is out of range, of an unknown type, or beyond its buffer view.
-        """
+        """Return ``accessors[index]``, named by the property ``path``. Raises GltfError: none, or beyond its view."""
         if (checked := self._accessors.get(index)) is not None:
             return checked
         source = checked_item(self._sources, index, "accessors", path)

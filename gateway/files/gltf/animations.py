@@ -27,10 +27,7 @@ class AnimationTime:
 
 
 def pose_nodes(document: schema.Document, accessors: Accessors, time: AnimationTime, warnings: list[str]) -> None:
-    """Replace the properties of nodes that an animation changes. An invalid channel is ignored with a warning.
-
-    Raises GltfError if there is no such animation.
-    """
+    """Replace animated properties of nodes; invalid channels add a warning. Raises GltfError without animation."""
     index = _index_of(document, time.animation)
     animation = checked_item(document.animations, index, "animations", "animation")
     channels: list[tuple[int, str, schema.AnimationSampler, NDArray[np.float32], str]] = []

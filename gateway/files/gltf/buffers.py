@@ -75,10 +75,7 @@ class Buffers:
         """Bytes counted towards ``max_buffer_bytes``."""
 
     def view(self, index: int, path: str) -> BufferView:
-        """Return ``bufferViews[index]``, to which the property ``path`` refers.
-
-        Raises GltfError if it is out of range, beyond its buffer, or the buffer cannot be read.
-        """
+        """Return ``bufferViews[index]``, named by ``path``. Raises GltfError: no such view, or unreadable."""
         if (decompressed := self._decompressed.get(index)) is not None:
             return decompressed
         source = checked_item(self._views, index, "bufferViews", path)

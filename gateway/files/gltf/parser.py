@@ -95,10 +95,7 @@ _type_info: Final = functools.cache(inspect.type_info)
 
 
 def parse_document(text: bytes, limits: GltfLimits, warnings: list[str]) -> Document:
-    """Parse JSON ``text`` (UTF-8, with or without a byte order mark).
-
-    Raises GltfError if it is not a JSON object, or beyond ``limits``.
-    """
+    """Parse JSON (UTF-8, perhaps with a byte order mark). Raises GltfError: no object, or beyond ``limits``."""
     if len(text) > limits.max_json_bytes:
         raise GltfLimitError(f"the JSON text has {len(text)} bytes, more than max_json_bytes = {limits.max_json_bytes}")
     # A value takes at least one byte, so the values of a short text need not be counted.

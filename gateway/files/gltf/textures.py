@@ -48,10 +48,7 @@ class Textures:
     _total_pixels: int = 0
 
     def get(self, info: schema.TextureInfo | None, path: str) -> Texture | None:
-        """Return the texture of a material's property; None if there is none, or none that can be read.
-
-        Raises GltfLimitError if images are beyond the limits.
-        """
+        """Return a property's texture; None without, or if it cannot be read. Raises GltfLimitError."""
         if info is None:
             return None
         with as_warning(self._warnings, "the texture is left out"):

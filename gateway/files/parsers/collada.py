@@ -155,10 +155,7 @@ class _SceneReader:
             self._add(node, self._axes, "")
 
     def _size(self, node: Any, level: int) -> tuple[int, int, int]:
-        """Return the number of parts, nodes and levels in a node's subtree. A shared subtree is walked only once.
-
-        Raises MeshFaultError if there are too many levels.
-        """
+        """Return parts, nodes and levels of a subtree, once if shared. Raises MeshFaultError: too many levels."""
         geometry = _geometry_of(node)
         if geometry is not None:
             return max(1, len(geometry.primitives)), 1, 1

@@ -34,10 +34,7 @@ def mean_color(image: Image) -> tuple[float, float, float]:
 
 
 def material(rgba: Color, point_size: float = POINT_SIZE, line_width: float = 1.0) -> Material:
-    """Return the diffuse, double-sided material that Director and Drake draw geometries of a colour with.
-
-    Sizes are in pixels. The same arguments give the same object.
-    """
+    """Return a diffuse, double-sided material of a colour, the same object for equal arguments. Sizes in pixels."""
     return _material(rgba, point_size, line_width)
 
 

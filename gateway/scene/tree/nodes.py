@@ -184,10 +184,7 @@ class TreeEdit:
         self._own(path)[-1].set_matrix(matrix)
 
     def set_pose(self, path: Path, pose: Pose) -> Node:
-        """Replace the transform at ``path``, creating nodes as needed, and return the node.
-
-        The matrix is computed when it is first read.
-        """
+        """Replace the transform at ``path``, creating nodes; return the node. Its matrix is made at first use."""
         leaf = self._own(path)[-1]
         leaf.set_pose(pose)
         return leaf

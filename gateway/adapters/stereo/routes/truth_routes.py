@@ -66,10 +66,7 @@ def truth_router(*services: StereoService) -> APIRouter:
 
 
 def find_frame(history: list[FrameRecord], nanoseconds: int | None) -> FrameRecord:
-    """Return the frame with an image of a timestamp (None: the newest one), of frames with the oldest first.
-
-    Raises RestError if there is no such frame in the history.
-    """
+    """Return the frame of a timestamp (None: the newest), given the oldest first. Raises RestError without."""
     if not history:
         raise RestError(404, "no frame was taken yet; frames are taken while a client streams")
     if nanoseconds is None:

@@ -65,10 +65,7 @@ class FrameRecord:
 def once(
     method: Callable[Concatenate[FrameImages, P], Coroutine[Any, Any, T]],
 ) -> Callable[Concatenate[FrameImages, P], Awaitable[T]]:
-    """Decorate a method of a frame: the first call with some arguments starts it, and others get the same result.
-
-    After an error, the next call starts it again.
-    """
+    """Decorate a method: the first call with some arguments starts it, others join. After an error it starts again."""
 
     @wraps(method)
     def start_or_join(frame: FrameImages, /, *args: P.args, **kwargs: P.kwargs) -> Awaitable[T]:

@@ -191,10 +191,7 @@ class FrameScheduler:
         self._streaming = False
 
     async def run(self) -> None:
-        """Capture frames until cancelled.
-
-        The first one waits for the kernels: compiling them is not part of a frame's time limit.
-        """
+        """Capture frames until cancelled. The first waits for the kernels, which are not part of its time limit."""
         try:
             await until_compiled(*_KERNEL_PARTS)
             while True:

@@ -122,10 +122,7 @@ class StreamServicer:
 
 
 def _decode_requests(message: type[Message], method: Callable[[Any, Context], Awaitable[None]]) -> Any:
-    """Return a gRPC handler that decodes the bytes of a request as ``message`` and calls ``method``.
-
-    Errors of ``method`` become status codes.
-    """
+    """Return a handler that calls ``method`` with a decoded ``message``. Its errors become status codes."""
 
     async def handle(data: bytes, context: Context) -> None:
         try:

@@ -70,10 +70,7 @@ class Subscription:
         self._ready.set()
 
     async def get(self) -> bytes:
-        """Wait for a set that was not taken yet, and return it. Cancelling is safe: no set is lost.
-
-        Raises StreamError when the stream has ended.
-        """
+        """Wait for a set not taken yet. Cancelling loses none. Raises StreamError when the stream has ended."""
         if self.state is MailboxState.EMPTY:
             self.state = MailboxState.WAITING
             self._hub.notify_demand()
@@ -213,10 +210,7 @@ class ImageSetHub(_Hub[Subscription]):
 
     @contextmanager
     def subscribe(self, kind: SetKind) -> Iterator[Subscription]:
-        """Return a subscription for the duration of the block.
-
-        Raises LimitError for too many clients or different requests, StreamError if the hub is closed.
-        """
+        """Return a subscription for the duration of the block. Raises LimitError, or StreamError if closed."""
         subscription = Subscription(kind, self)
         try:
             with self._opened(subscription):
