@@ -9,7 +9,7 @@ from fastapi import FastAPI
 from fastapi.exceptions import RequestValidationError
 
 from gateway.adapters.stereo.device.camera_config import StereoConfig, Tls
-from gateway.adapters.stereo.device.parameter_specs import NODES
+from gateway.adapters.stereo.device.parameter_store import ParameterStore
 from gateway.adapters.stereo.device.profile import read_profile
 from gateway.adapters.stereo.device.stream_settings import StreamSettings
 from gateway.adapters.stereo.imaging.recorded_pairs import RecordedPairs, find_pairs, read_geometry
@@ -27,7 +27,6 @@ from gateway.files.assets.light_rig_file import rig_of
 from gateway.runtime.http.error_handlers import invalid_parameters
 from gateway.runtime.http.http_server import PortService
 from gateway.runtime.settings import Settings
-from gateway.runtime.state.parameter_store import ParameterStore
 from gateway.scene.draw.bounds import MIN_SUSPECT, loose_bounds, scale_hint
 from gateway.scene.draw.flatten import Flattener, flatten
 from gateway.scene.draw.mount import (
@@ -149,7 +148,7 @@ def _start_camera(
             view.pose_in(snapshot), config.model, config.dot_light, service.settings
         )
     if context.state is not None:
-        context.state.add(ParameterStore(str(number), NODES, service.parameters))
+        context.state.add(ParameterStore(str(number), service.parameters))
         service.wait_until_stored = context.state.wait_until_stored
     name = f"stereo {number}" if number else "stereo"
     context.run_service(name, service, figures=lambda: _figures(service, view))

@@ -12,7 +12,7 @@ import numpy as np
 
 from gateway.runtime.state.part_codec import Blobs, PartDecoder, PartEncoder
 from gateway.scene.tree.live import LiveTree
-from gateway.scene.tree.nodes import Change, Node, Path, TreeEdit, changes
+from gateway.scene.tree.nodes import Change, Node, changes
 from gateway.scene.tree.transforms import IDENTITY
 
 _POSE_NUMBERS: Final = 7
@@ -73,8 +73,11 @@ class TreeStore:
             for _, _, path, parts, transform, visible, opacity in rows:
                 edit.set_visible(path, bool(visible))
                 edit.set_opacity(path, opacity)
-                if transform is not None:
-                    _set_transform(edit, path, transform)
+                numbers = np.frombuffer(transform or b"", "<f8")
+                if len(numbers) == _POSE_NUMBERS:
+                    edit.set_pose(path, tuple(numbers.tolist()))
+                elif transform is not None:
+                    edit.set_matrix(path, numbers.reshape(4, 4))
                 if parts is not None:
                     edit.set_parts(path, decoder.decode(parts))
         return self.capture()
@@ -117,11 +120,3 @@ def _encode_transform(node: Node) -> bytes | None:
     """Return a pose or matrix as little-endian doubles; None for the identity."""
     values = node.matrix if node.pose is None else node.pose
     return None if values is IDENTITY else np.asarray(values, "<f8").tobytes()
-
-
-def _set_transform(edit: TreeEdit, path: Path, transform: bytes) -> None:
-    numbers = np.frombuffer(transform, "<f8")
-    if len(numbers) == _POSE_NUMBERS:
-        edit.set_pose(path, tuple(numbers.tolist()))
-    else:
-        edit.set_matrix(path, numbers.reshape(4, 4))

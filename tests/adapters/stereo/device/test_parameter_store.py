@@ -5,9 +5,9 @@ import pytest
 import structlog.testing
 
 from gateway.adapters.stereo.device.parameter_specs import NODES
+from gateway.adapters.stereo.device.parameter_store import ParameterStore
 from gateway.adapters.stereo.device.parameters import Parameters
 from gateway.runtime.state.database import Database
-from gateway.runtime.state.parameter_store import ParameterStore
 
 
 @pytest.fixture
@@ -23,7 +23,7 @@ class Kept:
     def __init__(self, database: Database, camera: str = "0") -> None:
         self.parameters = Parameters()
         self._connection = database.connection
-        self._store = ParameterStore(camera, NODES, self.parameters)
+        self._store = ParameterStore(camera, self.parameters)
         self._stored = self._store.restore(self._connection)
 
     def commit(self) -> bool:

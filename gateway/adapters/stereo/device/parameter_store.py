@@ -1,11 +1,14 @@
 """A stereo camera's parameters in the database, as names and JSON values."""
 
 import sqlite3
-from collections.abc import Collection, Mapping
-from typing import Any, Protocol
+from collections.abc import Mapping
+from typing import Any
 
 import msgspec
 import structlog
+
+from gateway.adapters.stereo.device.parameter_specs import NODES
+from gateway.adapters.stereo.device.parameters import Parameters
 
 _log = structlog.get_logger("gateway.state")
 
@@ -13,21 +16,11 @@ Values = Mapping[str, Mapping[str, Any]]
 """Parameter values by node and name; plain JSON values."""
 
 
-class Parameters(Protocol):
-    """The parameters of a running camera."""
-
-    def values(self, node: str) -> Mapping[str, Any]:
-        """Return the values of a node by name."""
-
-    def set(self, node: str, values: list[tuple[str, object]]) -> object:
-        """Validate and set a node's values. Raises LookupError or ValueError."""
-
-
 class ParameterStore:
-    """Stores the parameters of one camera, by its name; see ``service.Store``."""
+    """Stores the parameters of one camera, by its name; see ``gateway.runtime.state.service.Store``."""
 
-    def __init__(self, camera: str, nodes: Collection[str], parameters: Parameters) -> None:
-        self._camera, self._nodes, self._parameters = camera, nodes, parameters
+    def __init__(self, camera: str, parameters: Parameters) -> None:
+        self._camera, self._parameters = camera, parameters
 
     def restore(self, connection: sqlite3.Connection) -> Values:
         """Set the stored values; those that this version does not know or accept are logged and skipped.
@@ -46,7 +39,7 @@ class ParameterStore:
 
     def capture(self) -> Values:
         """Return a copy of the values."""
-        return {node: dict(self._parameters.values(node)) for node in self._nodes}
+        return {node: dict(self._parameters.values(node)) for node in NODES}
 
     def write(self, connection: sqlite3.Connection, stored: Values, captured: Values) -> bool:
         """Write the values that differ from the stored ones; return False if there are none."""
