@@ -187,7 +187,7 @@ def _add_middleware(context: Context) -> None:
     openapi.describe(app, token=context.security.http is not None, open_paths=health.OPEN_PATHS)
     gate = StartGate(
         started=context.started,
-        problem=context.not_started_reason,
+        problem=lambda: context.not_started_reason,
         open_paths=health.MONITORING_PATHS | {"/"},
         progress=lambda: context.kernels.progress,
     )

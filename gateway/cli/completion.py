@@ -26,13 +26,11 @@ def add_client_commands(app: typer.Typer) -> None:
         def never_run(**_: Any) -> None: ...
 
         actions = command_parser(name)._actions  # noqa: SLF001 - argparse has no other list of them
-        signature = inspect.Signature([_parameter(action) for action in actions if _is_option(action)])
+        signature = inspect.Signature(
+            [_parameter(action) for action in actions if action.option_strings and action.dest != "help"]
+        )
         never_run.__signature__ = signature  # type: ignore[attr-defined]  # which Typer reads
         app.command(name, help=description)(never_run)
-
-
-def _is_option(action: argparse.Action) -> bool:
-    return bool(action.option_strings) and action.dest != "help"
 
 
 def _parameter(action: argparse.Action) -> inspect.Parameter:

@@ -51,7 +51,7 @@ def scan_log(path: Path, on_progress: Callable[[int], None] = lambda position: N
     damages: list[int] = []
     with open_regular(path) as file:
         try:
-            for event in read_events(file, _skip_data, damages.append):
+            for event in read_events(file, lambda channel: False, damages.append):  # only their headers
                 clock = clock.after(event.time_us)
                 if not events:
                     first_ns = clock.time_ns
@@ -67,11 +67,6 @@ def scan_log(path: Path, on_progress: Callable[[int], None] = lambda position: N
     if not shown:
         raise LogError(f"{path}: {_nothing_to_show(events, channels)}")
     return LogSummary((first_ns, clock.time_ns), events, shown, file_bytes, clock.sets, sum(damages))
-
-
-def _skip_data(channel: str) -> bool:
-    """Return False: only the header of each event is read."""
-    return False
 
 
 def _nothing_to_show(events: int, channels: Counter[str]) -> str:

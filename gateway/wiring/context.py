@@ -86,9 +86,10 @@ class Context:
     """Context managers that are closed by ``close``."""
     started: asyncio.Event = field(default_factory=asyncio.Event)
     """Set when requests are accepted, or when the start has failed."""
+    not_started_reason: str = ""
+    """Reason why the gateway did not start, a clause for clients; empty before and after a start."""
 
     _startup: asyncio.Task[None] | None = None
-    _not_started_reason: str = ""
     _tasks: set[asyncio.Task[None]] = field(default_factory=set)
     _queue_closer: asyncio.Task[None] | None = None
     _deadline: float = 0.0
@@ -173,10 +174,6 @@ class Context:
         """Run ``start`` in a task; a shutdown cancels it."""
         self._startup = asyncio.create_task(start, name="start")
 
-    def not_started_reason(self) -> str:
-        """Return why the gateway did not start, a clause for clients; empty before and after a start."""
-        return self._not_started_reason
-
     def readiness(self) -> str:
         """Return the status for ``/readyz``: that of the registry, ``starting`` while requests wait, or ``busy``."""
         status = self.registry.verdict()
@@ -241,7 +238,7 @@ class Context:
 
     def reject_requests(self, reason: str) -> None:
         """Reject all requests with 503 and a reason, a clause without details of the server."""
-        self._not_started_reason = reason
+        self.not_started_reason = reason
         self.started.set()
 
     async def _close_queue(self, seconds: float) -> None:

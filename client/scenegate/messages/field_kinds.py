@@ -181,10 +181,6 @@ def number_rows(name: str, values: ArrayLike, *columns: int, dtype: type[np.gene
     return copy
 
 
-def _read_number(value: Any, name: str, _: FieldReader) -> float:
-    return drawable(number(value, name), name)
-
-
 def _read_radius(value: Any, name: str, reader: FieldReader) -> float:
     """Return a radius. A negative one counts as 0, as in VTK, with a warning."""
     radius = drawable(number(value, name), name)
@@ -335,7 +331,7 @@ def _rows(limit: str, *columns: int) -> FieldKind:
 _DISTANCE: Final = Annotated[float, Meta(ge=0, le=MAX_DISTANCE)]
 _TRIPLE: Final = tuple[_DISTANCE, _DISTANCE, _DISTANCE]  # type: ignore[valid-type]
 
-Number = Annotated[float, FieldKind(_read_number, write_number)]
+Number = Annotated[float, FieldKind(lambda value, name, _: drawable(number(value, name), name), write_number)]
 """A drawable number of any sign."""
 Radius = Annotated[float, FieldKind(_read_radius, write_number, _DISTANCE)]
 Length = Annotated[float, FieldKind(_read_length, write_number, _DISTANCE)]

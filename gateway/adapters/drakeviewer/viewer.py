@@ -159,7 +159,9 @@ class DrakeViewer:
             case Kind.CONTACTS:
                 return self._read_contacts(channel, message)
             case Kind.CLOUD:
-                return self._read_cloud(channel, message)
+                warnings: list[str] = []
+                parts = read_cloud(wire.decode_point_cloud(message, self._config.limits), warnings)
+                return self._numbered(channel, lambda edit: edit.set_parts(channel.node, parts), warnings)
             case Kind.FRAMES:
                 return self._read_frames(channel, message)
 
@@ -240,11 +242,6 @@ class DrakeViewer:
         if not parts and not shown_contacts.paths and not warnings:
             return None
         return self._numbered(channel, lambda edit: shown_contacts.replace(parts, edit), warnings)
-
-    def _read_cloud(self, channel: Channel, message: wire.Message) -> ShowMessage:
-        warnings: list[str] = []
-        parts = read_cloud(wire.decode_point_cloud(message, self._config.limits), warnings)
-        return self._numbered(channel, lambda edit: edit.set_parts(channel.node, parts), warnings)
 
     def _read_frames(self, channel: Channel, message: wire.Message) -> ShowMessage:
         frames = self.state.frames.get(channel.name) or FrameChannel(channel.node)

@@ -7,7 +7,7 @@ plain values. Other viewers ignore the commands that Director does not have; a r
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Any, Final, cast
+from typing import Any, Final
 
 import msgspec
 import numpy as np
@@ -112,11 +112,6 @@ def _read_transform(_index: int, path: Path, element: Mapping[str, Any], context
     if not all(map(math.isfinite, pose)):
         context.warnings.append("transform is not finite, so nothing below it is drawn")
     return path, pose
-
-
-def _pose_of_regular(element: Any) -> Pose:
-    """Return the pose of a typed ``settransform``."""
-    return cast("Pose", element.transform.translation + element.transform.quaternion)
 
 
 def _read_property(
@@ -252,7 +247,7 @@ COMMANDS: Final[Mapping[str, Command]] = {
         results="transforms",
         read=_read_transform,
         fields=_fields("transform"),
-        read_regular=_pose_of_regular,
+        read_regular=lambda element: element.transform.translation + element.transform.quaternion,
         older_name="draw",
         is_newer=False,
     ),

@@ -145,11 +145,10 @@ class MsgpackReader(RequestReader):
 
     def __init__(self, limits: Limits | None = None) -> None:
         limits = limits or Limits()
-
-        def decode_extension(code: int, payload: memoryview) -> object:
-            return unpack(payload) if code == EXTENSION else UnknownExtension()
-
-        make_decoder = partial(msgspec.msgpack.Decoder, ext_hook=decode_extension)
+        make_decoder = partial(
+            msgspec.msgpack.Decoder,
+            ext_hook=lambda code, payload: unpack(payload) if code == EXTENSION else UnknownExtension(),
+        )
         # a request of fewer bytes has fewer objects than the limit: each takes at least a byte
         super().__init__(make_decoder, limits.binary_objects, limits)
 

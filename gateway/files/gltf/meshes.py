@@ -279,18 +279,14 @@ class Meshes:
                     values = np.nan_to_num(values, nan=0.0, posinf=0.0, neginf=0.0)
                 values = optional[name] = convert(values) if convert else values
                 values.setflags(write=False)
-        if checked.other_colors is not None and _has_color(checked.other_colors):
+        other_colors = checked.other_colors
+        if other_colors is not None and not (np.nan_to_num(other_colors.floats())[:, :3] >= 1.0).all():
             colors = optional.get("colors")
             if colors is None:
                 self._warnings.append(f"{checked.name}: COLOR_1 has colours, which are not drawn without a COLOR_0")
             elif (colors == 1.0).all():
                 self._warnings.append(f"{checked.name}: COLOR_0 is drawn, which is white; COLOR_1 has the colours")
         return Mesh(positions, elements, **optional)
-
-
-def _has_color(accessor: Accessor) -> bool:
-    """Return True if the colours in an accessor are not all white."""
-    return not bool((np.nan_to_num(accessor.floats())[:, :3] >= 1.0).all())
 
 
 def _index_range(checked: _CheckedPrimitive, accessor: Accessor, indices: NDArray[Any]) -> tuple[int, int]:

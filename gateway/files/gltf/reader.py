@@ -109,7 +109,9 @@ def read_gltf(
         posed_parts=posed_parts,
         mesh_names=names,
         element_counts={mesh: count_elements(mesh_parts) for mesh, mesh_parts in parts.items()},
-        morphed_mesh_count=_morphed_mesh_count(document),
+        morphed_mesh_count=sum(
+            isinstance(mesh, GltfMesh) and any(mesh.weights or ()) for mesh in document.meshes or ()
+        ),
         warnings=tuple(warnings),
         mesh_bytes=meshes.nbytes,
     )
@@ -119,11 +121,6 @@ def read_gltf(
     if hashed is not None and not depends_on_nodes and len(content.warnings) <= _MAX_LISTED_WARNINGS:
         cache.add(hashed, container, content)
     return scene
-
-
-def _morphed_mesh_count(document: Document) -> int:
-    """Return the number of meshes with morph targets that change them by default."""
-    return sum(isinstance(mesh, GltfMesh) and any(mesh.weights or ()) for mesh in document.meshes or ())
 
 
 def _resembles_drake(document: Document) -> bool:

@@ -145,7 +145,8 @@ class Supervisor:
                 _log.info("All processes are replaced")
                 for child in self._serving():
                     child.is_outdated = True
-            self._start_missing()
+            while len(self._serving()) < self._count and self._start():
+                pass
             self._replace_outdated()
             self._check_children()
         if self._cannot_start:
@@ -158,10 +159,6 @@ class Supervisor:
     def _serving(self) -> list[_Child]:
         """Return the processes that did not get SIGTERM."""
         return [child for child in self._children if not child.is_ending]
-
-    def _start_missing(self) -> None:
-        while len(self._serving()) < self._count and self._start():
-            pass
 
     def _start(self) -> bool:
         try:

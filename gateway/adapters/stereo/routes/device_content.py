@@ -64,7 +64,9 @@ def node_status(service: StereoService, node: str) -> dict[str, Any]:
         "rc_iocontrol": _io_status,
         "rc_measure": _measure_status,
     }[node]
-    values = {name: _status_text(value) for name, value in read_values(service).items()}
+    values = {
+        name: f"{value:.9g}" if isinstance(value, float) else str(value) for name, value in read_values(service).items()
+    }
     return {"status": "running", "timestamp": service.time, "values": values}
 
 
@@ -225,7 +227,3 @@ def _reset(service: StereoService, node: str) -> dict[str, Any]:
 
 def _return_code(value: int, message: str) -> dict[str, Any]:
     return {"value": value, "message": message}
-
-
-def _status_text(value: object) -> str:
-    return f"{value:.9g}" if isinstance(value, float) else str(value)

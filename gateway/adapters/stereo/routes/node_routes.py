@@ -136,8 +136,9 @@ def _add_service_routes(routes: APIRouter, base: str, service: StereoService) ->
         openapi_extra=schemas.CALL_BODY,
     )
     async def call(node: NodeName, name: ServiceName, request: Request) -> Any:
-        arguments = await _read_arguments(request)
-        result = await device.call_service(service, *_find_service(node, name), arguments)
+        body = await read_body(request, MAX_BODY)
+        content: _CallBody = decode(_CallBody, body or b"{}", '{"args": {}}')
+        result = await device.call_service(service, *_find_service(node, name), content.args or {})
         await wait_until_stored(service)
         return result
 
@@ -193,13 +194,6 @@ async def _read_value(request: Request) -> object:
         return _query_value(request.query_params["value"])
     content: _ValueBody = decode(_ValueBody, body, '{"value": 1.0}')
     return content.value
-
-
-async def _read_arguments(request: Request) -> dict[str, Any]:
-    """Return the arguments of a service call."""
-    body = await read_body(request, MAX_BODY)
-    content: _CallBody = decode(_CallBody, body or b"{}", '{"args": {}}')
-    return content.args or {}
 
 
 def _query_value(text: str) -> object:

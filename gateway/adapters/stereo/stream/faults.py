@@ -68,7 +68,7 @@ class FaultInjector:
     def deliver(self, frame_number: int, data: bytes, publish: Callable[[], None]) -> None:
         """Deliver a serialised set now, later or never: ``publish`` delivers it. Seed and frame number determine what
         is dropped."""
-        if self._is_dropped(frame_number):
+        if Random(f"{self._seed} {frame_number}").random() < self.faults.drop:  # noqa: S311 - no secret
             self.dropped += 1
             return
         loop = asyncio.get_running_loop()
@@ -82,9 +82,6 @@ class FaultInjector:
         self._late_bytes += len(data)
         self._last_due = due
         loop.call_at(due, self._publish_late, len(data), publish)
-
-    def _is_dropped(self, frame_number: int) -> bool:
-        return Random(f"{self._seed} {frame_number}").random() < self.faults.drop  # noqa: S311 - no secret
 
     def _publish_late(self, nbytes: int, publish: Callable[[], None]) -> None:
         self._late_bytes -= nbytes
