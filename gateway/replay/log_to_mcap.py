@@ -5,7 +5,7 @@ from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
 
-from gateway.adapters.viewer.snapshot_frames import SnapshotFrames
+from gateway.adapters.viewer.encoder import SnapshotFrames
 from gateway.replay.log_replay import is_shown
 from gateway.replay.log_timeline import LogTimeline
 from scenegate.recording.mcap_file import McapFiles

@@ -8,7 +8,7 @@ from typing import Any, Final
 from gateway.adapters.stereo.service import StereoService
 from gateway.adapters.stereo.stream.set_kind import SetKind
 from gateway.adapters.stereo.stream.subscriptions import Subscription
-from gateway.adapters.viewer.snapshot_frames import SnapshotFrames
+from gateway.adapters.viewer.encoder import SnapshotFrames
 from gateway.wiring.context import Context
 from gateway.wiring.provided import Provided
 
@@ -36,7 +36,7 @@ async def setup(context: Context, provided: Provided) -> Provided:
 
 
 class FoxgloveCamera:
-    """The stereo camera as Foxglove's service uses it: ``gateway.adapters.foxglove.foxglove_sources.CameraSource``."""
+    """The stereo camera as Foxglove's service uses it: ``gateway.adapters.foxglove.service.CameraSource``."""
 
     def __init__(self, service: StereoService) -> None:
         self._service = service

@@ -17,8 +17,7 @@ from gateway.adapters.viewer.messages import TimeCommand
 from gateway.adapters.viewer.playback import Playback
 from gateway.files.assets.mesh_files import MeshFiles
 from gateway.replay.log_replay import MAX_CHANNELS
-from gateway.replay.log_scan import LogError, scan_log
-from gateway.replay.log_timeline import Checkpoints, LogTimeline, open_log
+from gateway.replay.log_timeline import Checkpoints, LogError, LogTimeline, open_log, scan_log
 from gateway.scene.tree.geometry import PointCloud
 from gateway.scene.tree.live import Snapshot
 from gateway.scene.tree.nodes import Node

@@ -12,8 +12,7 @@ from gateway.adapters.viewer.config import ViewerConfig
 from gateway.adapters.viewer.hub import ViewHub
 from gateway.adapters.viewer.messages import TimeCommand
 from gateway.files.assets.mesh_files import MeshFiles
-from gateway.replay.log_scan import scan_log
-from gateway.replay.log_timeline import Checkpoints, LogTimeline
+from gateway.replay.log_timeline import Checkpoints, LogTimeline, scan_log
 from gateway.scene.tree.live import LiveTree
 from tests.adapters.viewer.model import Model
 from tests.replay.logs import BEGIN, write_log

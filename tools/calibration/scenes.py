@@ -14,7 +14,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from gateway.demo.demo_meshes import textured_box, tile
+from gateway.demo.objects import textured_box, tile
 from gateway.scene.draw.flatten import flatten
 from gateway.scene.tree.geometry import Part, Shape, Surface
 from gateway.scene.tree.nodes import Node, TreeEdit

@@ -28,7 +28,7 @@ CLASSES: Final[tuple[tuple[str, str, str], ...]] = (
     ("Scenes in glTF", "gateway.files.gltf.limits", "GltfLimits"),
     ("Mesh files", "gateway.files.assets.mesh_files", "MeshFileLimits"),
     ("Mesh files: the process that parses one", "gateway.files.assets.mesh_formats", "ParserLimits"),
-    ("Robot files", "gateway.files.robots.limits", "RobotLimits"),
+    ("Robot files", "gateway.files.robots.robot", "RobotLimits"),
     ("Tree viewer: one message, and the tree", "gateway.adapters.treeviewer.config", "Limits"),
     ("Tree viewer: scheduling", "gateway.adapters.treeviewer.config", "TreeViewerConfig"),
     ("Drake's visualizer: one message", "gateway.adapters.drakeviewer.config", "Limits"),
@@ -72,7 +72,7 @@ CONSTANTS: Final[tuple[tuple[str, str, tuple[str, ...]], ...]] = (
         ),
     ),
     ("Packages of meshes", "scenegate.robots.ros_packages", ("MAX_FOLDERS", "MAX_DEPTH")),
-    ("Robot files: MJCF", "gateway.files.robots.mjcf_files", ("MAX_INCLUDES",)),
+    ("Robot files: MJCF", "gateway.files.robots.mjcf", ("MAX_INCLUDES",)),
     ("State", "gateway.runtime.state.service", ("MAX_WAITING_BYTES",)),
     ("Labels", "gateway.scene.tree.labels", ("MAX_LABELS",)),
     (

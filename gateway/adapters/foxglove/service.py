@@ -1,14 +1,13 @@
 """Sends the live scene and the stereo camera's images to Foxglove's clients: only what they subscribe to is made."""
 
 import asyncio
-from collections.abc import Coroutine, Iterable, Mapping
-from contextlib import suppress
-from typing import Any, Final, NamedTuple
+from collections.abc import Callable, Coroutine, Iterable, Mapping
+from contextlib import AbstractContextManager, suppress
+from typing import Any, Final, NamedTuple, Protocol
 
 import structlog
 
 from gateway.adapters.foxglove.channels import Channels
-from gateway.adapters.foxglove.foxglove_sources import CameraSource, NewSceneFrames, SceneFrames
 from gateway.adapters.foxglove.front import Front, inner_host
 from gateway.scene.tree.live import LiveTree, Snapshot
 from scenegate.camera import image_interface_pb2 as pb
@@ -25,6 +24,41 @@ from scenegate.recording.topics import (
     Profile,
 )
 from scenegate.recording.view_frames import ViewFrame
+
+
+class SceneFrames(Protocol):
+    """Changes of the scene as frames of the browser view."""
+
+    async def advance(self, snapshot: Snapshot) -> list[bytes]:
+        """Return the frames that lead from the last snapshot to this one."""
+
+
+NewSceneFrames = Callable[[], SceneFrames]
+"""Returns frames whose last snapshot is the empty scene."""
+
+
+class ImageSets(Protocol):
+    """A subscription to image sets."""
+
+    async def get(self) -> bytes:
+        """Wait for the next set of the gRPC interface; return it encoded. Raises RuntimeError, with the reason, at the
+        end.
+        """
+
+
+class CameraSource(Protocol):
+    """The stereo camera."""
+
+    @property
+    def baseline(self) -> float:
+        """Distance between the cameras, in metres."""
+
+    def parameters(self) -> Mapping[str, Any]:
+        """Return the camera's parameters, ``node.name``."""
+
+    def subscribe(self, left: bool, right: bool, disparity: bool) -> AbstractContextManager[ImageSets]:
+        """Return a subscription for the duration of the block. Raises RuntimeError, with the reason, without sets."""
+
 
 HOST: Final = "127.0.0.1"
 """The protocol has no tokens."""

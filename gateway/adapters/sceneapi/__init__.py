@@ -3,5 +3,4 @@
 ``routes``   the routes, ETags and error responses
 ``query``    query parameters and their OpenAPI description
 ``service``  listing, glTF file and images of the newest snapshot
-``listing``  the JSON of ``GET /scene``
 """

@@ -17,9 +17,8 @@ from gateway.adapters.treeviewer.array_geometry import (
 from gateway.adapters.treeviewer.context import ReadContext
 from gateway.adapters.treeviewer.images import CheckedImage, drawn_image
 from gateway.scene.draw.crease_normals import smooth_vertices, with_creases
-from gateway.scene.draw.fonts import font_for
+from gateway.scene.draw.fonts import font_for, text_image
 from gateway.scene.draw.image_meshes import frustum_edges, heightmap_mesh, rectangle
-from gateway.scene.draw.text_images import text_image
 from gateway.scene.tree.geometry import Part, Surface
 from gateway.scene.tree.materials import WHITE, Color, material, textured
 from gateway.scene.tree.transforms import translation

@@ -14,7 +14,6 @@
 ``scene_images``     the live scene, rendered by the gateway
 ``sensor_images``    the stereo camera's images
 ``gateway_status``   the content of the status bar
-``recent_renders``   the last requests of the render endpoint
 
 ``colormaps``        depth, disparity and confidence as RGB images
 

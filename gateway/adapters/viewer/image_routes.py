@@ -8,13 +8,15 @@ from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from typing import Annotated, Any, ClassVar, Final
 
+import cv2
 import msgspec
+import numpy as np
 from fastapi import APIRouter, Path, Query, Request, Response
 from fastapi.responses import PlainTextResponse, StreamingResponse
 
+from gateway.adapters.viewer.colormaps import depth_to_rgb, gray_to_rgb, shrink_to_width
 from gateway.adapters.viewer.config import ViewerConfig
-from gateway.adapters.viewer.messages import IMAGE_NAMES, StereoCapture
-from gateway.adapters.viewer.recent_renders import encode_preview, render_entries
+from gateway.adapters.viewer.messages import IMAGE_NAMES, RenderEntry, StereoCapture
 from gateway.adapters.viewer.scene_images import BOUNDARY, ImageRequest, SceneImages, StreamsFull
 from gateway.adapters.viewer.sensor_images import SensorImages
 from gateway.runtime.http.disconnect import while_connected
@@ -25,6 +27,7 @@ from gateway.runtime.logs.render_record import RenderRecord
 from gateway.scene.draw.cameras import CameraError, NoSuchCameraError
 from gateway.scene.tree.timeline import TimeError
 from renderers.drawlist import ImageError
+from renderers.encode import png_rgb
 from renderers.interface import LookName
 
 NO_STORE: Final = {"Cache-Control": "no-store"}
@@ -202,3 +205,37 @@ def _add_render_routes(router: APIRouter, renders: Sequence[RenderRecord]) -> No
 def _uncached_json(value: Any) -> Response:
     """Return a response with a value as JSON."""
     return Response(msgspec.json.encode(value), media_type="application/json", headers=NO_STORE)
+
+
+def render_entries(renders: Sequence[RenderRecord]) -> list[RenderEntry]:
+    """Return requests, oldest first, as the page lists them: newest first."""
+    return [
+        RenderEntry(
+            id=record.number,
+            when=record.end_time,
+            status=record.status,
+            milliseconds=round(record.seconds * 1e3, 2),
+            queued=round(record.queue_seconds * 1e3, 2),
+            what=record.image_text,
+            scene=record.scene_text,
+            image=bool(record.body),
+            error=record.error,
+            warnings=record.warnings,
+        )
+        for record in reversed(renders)
+    ]
+
+
+def encode_preview(record: RenderRecord, width: int | None) -> bytes:
+    """Return a request's image as a PNG, at most a width (None: any). Depth is mapped to colours. Raises ValueError."""
+    if record.media_type == "image/png" and width is None and record.kind != "depth":
+        return record.body
+    pixels = cv2.imdecode(np.frombuffer(record.body, np.uint8), cv2.IMREAD_UNCHANGED)
+    if pixels is None:
+        raise ValueError(f"an image of type {record.media_type} cannot be displayed")
+    if record.kind == "depth":
+        rgb = depth_to_rgb(np.asarray(pixels))
+    else:
+        bgr = gray_to_rgb(np.asarray(pixels, np.uint8))  # OpenCV's order; a fourth channel is alpha
+        rgb = np.ascontiguousarray(bgr[:, :, 2::-1])
+    return png_rgb(shrink_to_width(rgb, width, interpolate=record.kind != "label"))

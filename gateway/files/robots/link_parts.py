@@ -17,7 +17,7 @@ from gateway.files.assets.mesh_formats import (
     with_default_materials,
 )
 from gateway.files.gltf import GltfError, Up
-from gateway.files.robots.limits import RobotLimits
+from gateway.files.robots.robot import RobotLimits
 from gateway.scene.tree.geometry import Part, Surface
 from gateway.scene.tree.materials import mean_color
 from gateway.scene.tree.transforms import scaling, translation

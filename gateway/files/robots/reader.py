@@ -1,15 +1,19 @@
-"""Reads robot files: URDF, SDF or MJCF, decided by the root element."""
+"""Reads robot files: URDF, SDF or MJCF, decided by the root element, after xacro has expanded it."""
 
+import contextlib
+import importlib.util
+import os
 from collections.abc import Iterable
 from dataclasses import replace
 from pathlib import Path
 from typing import Final
 
+import msgspec
+
 from gateway.files.robots.gltf_up import RobotGltfUp, nearest_up_axis
-from gateway.files.robots.limits import RobotLimits
 from gateway.files.robots.link_parts import LinkParts
-from gateway.files.robots.robot import Robot
-from gateway.files.robots.xacro_files import expand_xacro
+from gateway.files.robots.robot import Robot, RobotLimits
+from gateway.runtime.workers.limited_process import ProcessFailed, ProcessLimits, call_limited
 from renderers.stop import check_stop
 from scenegate.robots.link_kinematics import LinkKinematics
 from scenegate.robots.link_model import Link, MeshReference
@@ -17,7 +21,7 @@ from scenegate.robots.robot import GeometryUse
 from scenegate.robots.robot_errors import RobotFileError
 from scenegate.robots.robot_files import RobotFiles
 from scenegate.robots.robot_reader import errors_of, parse_links
-from scenegate.robots.xacro_args import XacroArgs, as_texts, expand_args, warn_of_unused
+from scenegate.robots.xacro_args import XacroArgs, as_texts, expand_args, missing_arg, warn_of_unused
 from scenegate.robots.xml_text import parse_xml, uses_xacro
 from scenegate.warning_text import strict_refusal, warnings_and_notes
 
@@ -124,3 +128,49 @@ def _read(
 def _has_gltf(link: Link) -> bool:
     shapes = [geometry.shape for geometry in link.geometries]
     return any(isinstance(each, MeshReference) and each.filename.lower().endswith((".gltf", ".glb")) for each in shapes)
+
+
+MAX_NAMED_ARGS: Final = 16
+"""Maximum number of arguments that an error names."""
+_output_decoder: Final = msgspec.msgpack.Decoder(tuple[str, str, str, list[str], list[str]])
+
+
+def expand_xacro(files: RobotFiles, limits: RobotLimits) -> bytes:
+    """Return the URDF or SDF document of the robot file, which has xacro elements. ``files`` has read what it includes.
+
+    Raises RobotFileError if it cannot be expanded within the limits, ImportError without ``xacro``.
+    """
+    if importlib.util.find_spec("xacro") is None:
+        raise ImportError(
+            "it has xacro elements, which need the package xacro: pip install 'scenegate[robots]'; "
+            "or expand it first, xacro robot.urdf.xacro > robot.urdf"
+        )
+
+    if files.is_pipe:
+        raise RobotFileError("xacro reads files only, not pipes: write it into a file first")
+
+    def package_folder(name: str) -> bytes:
+        folder = files.find_package(name)
+        if folder is None:
+            raise FileNotFoundError(f"the package {name!r} is not found; name a folder that contains it with --root")
+        return os.fsencode(folder)
+
+    process_limits = ProcessLimits(limits.max_xacro_bytes, limits.max_xacro_seconds)
+    arguments = str(files.path), files.xacro_args
+    try:
+        output = call_limited("gateway.files.parsers.xacro:expand_file", arguments, process_limits, package_folder)
+    except ProcessFailed as error:
+        raise RobotFileError(f"xacro cannot expand it: {error}") from None
+    document, problem, missing, used, includes = _output_decoder.decode(output)
+    files.used_args.update(used)
+    for include in includes:
+        with contextlib.suppress(OSError, RobotFileError):  # xacro has read it, or says why not
+            files.read(files.path.parent / include)
+    if missing:
+        raise RobotFileError(f"xacro cannot expand it: {missing_arg(missing)}")
+    if problem:
+        names = f"; its arguments (--xacro-arg) are {', '.join(used[:MAX_NAMED_ARGS])}" if used else ""
+        raise RobotFileError(f"xacro cannot expand it: {problem}{names}")
+    if "<robot" in document and "<link" not in document:
+        raise RobotFileError("it has no links, perhaps only macros: name the file that uses them")
+    return document.encode()

@@ -1,4 +1,4 @@
-"""Fonts for text in images: one of Pillow, one of OpenCV with most scripts, and those of this machine.
+"""Text in images, and its fonts: one of Pillow, one of OpenCV with most scripts, and those of this machine.
 
 Text is drawn in one font, the first that has all its characters. Only scripts that neither Pillow's nor OpenCV's font
 has, such as Thai, Devanagari and those that run from right to left, depend on the fonts of the machine.
@@ -15,6 +15,8 @@ from typing import Any, Final, Protocol
 import cv2
 import numpy as np
 from numpy.typing import NDArray
+
+from gateway.scene.tree.materials import Color
 
 BLOCK_BITS: Final = 7
 """The font for 2 to the power of this many neighbouring characters is looked up once."""
@@ -149,3 +151,48 @@ def _find_machine_font(char: str) -> str:
         return "" if PillowFont(char, file).missing else file
     except (OSError, subprocess.SubprocessError):  # such as a font of colour bitmaps, which have fixed sizes
         return ""
+
+
+LINE_PIXELS: Final = 64
+"""Height of a line of text in its image, pixels. It is reduced if the image would exceed ``MAX_SIDE``."""
+MAX_SIDE: Final = 4096
+"""Maximum width and height of an image of text, pixels."""
+_MARGIN: Final = 0.15
+"""Margin around the text as a fraction of a line's height."""
+_MIN_LINE_PIXELS: Final = 8
+"""Minimum height of a line, pixels. Text that is still too large is cut off at ``MAX_SIDE``."""
+
+
+def text_image(text: str, font: Font, color: Color, background: Color) -> tuple[NDArray[np.uint8], float]:
+    """Return an image of lines of text, (H, W, 4) with straight alpha, and H divided by the height of a line.
+
+    ``background``: colour of the rectangle behind the letters; alpha 0: no rectangle.
+    """
+    from PIL import Image  # slow to import, and few scenes have text
+
+    lines = text.splitlines() or [""]
+    line_pixels = float(LINE_PIXELS)
+    widest = max(font.width(line, LINE_PIXELS) for line in lines)
+    for extent in (widest + 2 * _MARGIN * line_pixels, (len(lines) + 2 * _MARGIN) * line_pixels):
+        line_pixels = min(line_pixels, LINE_PIXELS * MAX_SIDE / extent)
+    size = max(int(line_pixels), _MIN_LINE_PIXELS)
+    margin = round(_MARGIN * size)
+    width = min(round(max(font.width(line, size) for line in lines)) + 2 * margin, MAX_SIDE)
+    height = min(len(lines) * size + 2 * margin, MAX_SIDE)
+    letters = np.zeros((height, width), np.uint8)
+    font.draw(lines, letters, margin, size)
+    alpha = np.rint(letters * np.float32(color[3])).astype(np.uint8)
+    if background[3] > 0.0:
+        image = Image.new("RGBA", (width, height), _uint8_channels(background))
+        image.paste(_uint8_channels(color), (0, 0), Image.fromarray(alpha))
+        return np.array(image), height / size
+    pixels = np.empty((height, width, 4), np.uint8)
+    # Transparent pixels have the colour, too: filters mix them into the letters' edges.
+    pixels[:, :, :3] = _uint8_channels(color)[:3]
+    pixels[:, :, 3] = alpha
+    return pixels, height / size
+
+
+def _uint8_channels(color: Color) -> tuple[int, int, int, int]:
+    r, g, b, a = (round(255.0 * value) for value in color)
+    return r, g, b, a

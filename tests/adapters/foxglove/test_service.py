@@ -24,7 +24,7 @@ from gateway.adapters.foxglove.front import Front
 from gateway.adapters.foxglove.service import FoxgloveService
 from gateway.adapters.stereo.service import StereoService
 from gateway.adapters.stereo.stream.subscriptions import ImageSetHub
-from gateway.adapters.viewer.snapshot_frames import SnapshotFrames
+from gateway.adapters.viewer.encoder import SnapshotFrames
 from gateway.scene.tree.geometry import Part, PointCloud
 from gateway.scene.tree.live import LiveTree
 from gateway.wiring.foxglove import FoxgloveCamera

@@ -14,7 +14,7 @@ from gateway.adapters.viewer.colormaps import (
     disparity_to_rgb,
     shrink_to_width,
 )
-from gateway.adapters.viewer.recent_renders import encode_preview
+from gateway.adapters.viewer.image_routes import encode_preview
 from gateway.runtime.logs.render_record import RenderRecord
 from renderers.encode import png_gray16, png_label, png_rgb, tiff_float32
 

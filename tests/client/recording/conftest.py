@@ -13,7 +13,7 @@ pytest.importorskip("mcap", reason="needs the extra mcap")
 pytest.importorskip("mcap_ros2", reason="needs the extra mcap")
 pytest.importorskip("foxglove_schemas_protobuf", reason="needs the extra mcap")
 
-from gateway.adapters.viewer.snapshot_frames import SnapshotFrames
+from gateway.adapters.viewer.encoder import SnapshotFrames
 from scenegate.recording.mcap_file import McapFiles
 from scenegate.recording.recorder import SceneWriter
 from scenegate.recording.topics import Profile, ProfileName

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from gateway.adapters.viewer.control_frames import ControlFrames
-from gateway.adapters.viewer.snapshot_frames import SnapshotFrames
+from gateway.adapters.viewer.encoder import SnapshotFrames
 from gateway.scene.page.control_store import ControlStore
 from gateway.scene.tree.live import LiveTree
 from scenegate.gateway_http import GatewayError

@@ -13,7 +13,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from gateway.adapters.viewer.snapshot_frames import SnapshotFrames
+from gateway.adapters.viewer.encoder import SnapshotFrames
 from gateway.scene.draw.flatten import Flattener
 from gateway.scene.tree.geometry import Line, Part, PointCloud
 from gateway.scene.tree.labels import LabelTable

@@ -11,8 +11,8 @@ from typing import Any
 import pytest
 
 from gateway.files.assets.scene_file import SceneFileError
-from gateway.files.robots.limits import RobotLimits
 from gateway.files.robots.reader import read_robot
+from gateway.files.robots.robot import RobotLimits
 from gateway.files.robots.scene_files import SceneOptions, read_scene
 from scenegate.robots import Robot
 from scenegate.robots import read_robot as read_robot_of_client

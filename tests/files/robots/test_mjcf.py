@@ -11,9 +11,8 @@ import numpy as np
 import pytest
 
 from gateway.files.gltf.limits import GltfLimits
-from gateway.files.robots.limits import RobotLimits
 from gateway.files.robots.reader import read_robot
-from gateway.files.robots.robot import Robot
+from gateway.files.robots.robot import Robot, RobotLimits
 from renderers.color import linear_from_srgb
 from renderers.stop import StopFlag
 from scenegate.messages.geometry import Box, Capsule, Cylinder, Ellipsoid, Sphere

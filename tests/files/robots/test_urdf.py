@@ -6,8 +6,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from gateway.files.robots.limits import RobotLimits
 from gateway.files.robots.reader import read_robot
+from gateway.files.robots.robot import RobotLimits
 from gateway.scene.tree.geometry import Shape
 from renderers.color import linear_from_srgb
 from renderers.drawlist import AlphaMode

@@ -12,7 +12,7 @@ from gateway.adapters.stereo.device.parameters import Parameters
 from gateway.adapters.stereo.device.stream_settings import read_settings
 from gateway.adapters.stereo.imaging.rendered_images import Imaging
 from gateway.adapters.stereo.imaging.scene_view import Capture
-from gateway.demo.demo_meshes import tile
+from gateway.demo.objects import tile
 from gateway.files.gltf import read_gltf
 from gateway.scene.draw.flatten import flatten
 from gateway.scene.tree.geometry import Part, Surface

@@ -9,8 +9,7 @@ import pytest
 from numpy.typing import NDArray
 
 from gateway.scene.draw import fonts
-from gateway.scene.draw.fonts import OpenCVFont, PillowFont, font_for
-from gateway.scene.draw.text_images import text_image
+from gateway.scene.draw.fonts import OpenCVFont, PillowFont, font_for, text_image
 
 THAI = "ไทย"
 needs_opencv_5 = pytest.mark.skipif(not hasattr(cv2, "FontFace"), reason="OpenCV 5 has the font")

@@ -4,9 +4,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from gateway.scene.draw.fonts import font_for
+from gateway.scene.draw.fonts import LINE_PIXELS, MAX_SIDE, font_for, text_image
 from gateway.scene.draw.image_meshes import rectangle
-from gateway.scene.draw.text_images import LINE_PIXELS, MAX_SIDE, text_image
 from gateway.scene.tree.materials import textured
 from gateway.scene.tree.transforms import look_at
 from renderers.camera import Camera
