@@ -1,7 +1,4 @@
-"""Check a dataset: its files exist, have the recorded hashes, and can be read.
-
-``scenegate dataset check`` uses it.
-"""
+"""Check a dataset: its files exist, have the recorded hashes, and can be read."""
 
 import os
 from collections.abc import Callable, Iterator

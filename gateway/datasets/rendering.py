@@ -1,7 +1,4 @@
-"""Render loaded scenes and recorded requests to encoded images.
-
-``worker`` uses it for datasets, ``gateway.cli`` for single images.
-"""
+"""Render loaded scenes and recorded requests to encoded images."""
 
 from __future__ import annotations
 

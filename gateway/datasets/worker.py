@@ -1,7 +1,4 @@
-"""Render the views of a task, and write their images to the dataset.
-
-``local_tasks`` and ``ray_tasks`` call ``run_task`` in their worker processes, which share only the dataset's folder.
-"""
+"""Render the views of a task, in a worker process, and write their images to the dataset."""
 
 from __future__ import annotations
 

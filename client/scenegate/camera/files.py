@@ -1,7 +1,4 @@
-"""Write image sets to PNG, PLY, npz and parameter files, and join the images of a set for a preview.
-
-``stream`` uses it.
-"""
+"""Write image sets to PNG, PLY, npz and parameter files, and join the images of a set for a preview."""
 
 from __future__ import annotations
 

@@ -1,7 +1,4 @@
-"""Random access to the lines of a large file.
-
-``dataset`` uses it for the manifest, which has 1 GB for a million samples.
-"""
+"""Random access to the lines of a large file: a manifest has 1 GB for a million samples."""
 
 import os
 import weakref

@@ -1,7 +1,4 @@
-"""Encode requests and decode responses, in JSON or MessagePack.
-
-docs/tree-viewer-binary.md defines the MessagePack format. ``viewer`` uses both functions.
-"""
+"""Encode requests and decode responses, in JSON or in MessagePack by docs/tree-viewer-binary.md."""
 
 import math
 import struct

@@ -1,7 +1,4 @@
-"""Make parts of lines, meshes, point clouds and planar lidars. ``geometry_reader`` calls these functions.
-
-"Drawable" means finite and within ``MAX_DISTANCE``.
-"""
+"""Make parts of lines, meshes, point clouds and lidars. "Drawable" means finite and within ``MAX_DISTANCE``."""
 
 from types import MappingProxyType
 from typing import Any, Final

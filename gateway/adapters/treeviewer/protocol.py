@@ -1,7 +1,4 @@
-"""Director's tree viewer protocol without I/O: read a request, apply it to the live tree, return the response.
-
-``dispatch`` calls it; tests call ``TreeViewerProtocol.handle`` directly.
-"""
+"""Director's tree viewer protocol without I/O: read a request, apply it to the live tree, return the response."""
 
 import time
 from collections.abc import Callable

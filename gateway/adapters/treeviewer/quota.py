@@ -1,7 +1,4 @@
-"""Check requests against the limits of the live tree: numbers of nodes and geometries, bytes of arrays and images.
-
-``apply`` checks each command before it edits the tree.
-"""
+"""Check requests against the limits of the live tree: numbers of nodes and geometries, bytes of arrays and images."""
 
 import math
 import threading

@@ -1,7 +1,4 @@
-"""The connected browsers, and the loop that sends them updates of the live tree, or of another time.
-
-``routes`` connects a WebSocket to a ``Browser``; ``gateway.wiring`` runs the ``ViewHub``.
-"""
+"""The connected browsers, and the loop that sends them updates of the live tree, or of another time."""
 
 import asyncio
 from collections.abc import Callable, Sequence

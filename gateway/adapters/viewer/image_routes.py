@@ -1,7 +1,4 @@
-"""Routes that respond with images: ``/view/frame.jpg``, ``/view/stream.mjpg``, ``/view/sensor`` and ``/view/renders``.
-
-``gateway.wiring`` adds them to the application.
-"""
+"""Routes of images: ``/view/frame.jpg``, ``/view/stream.mjpg``, ``/view/sensor`` and ``/view/renders``."""
 
 import asyncio
 from collections.abc import Callable, Mapping, Sequence

@@ -1,7 +1,4 @@
-"""Routes of the page ``/view``: its files, the WebSocket, textures and channels of point clouds.
-
-``gateway.wiring`` adds them to the application.
-"""
+"""Routes of the page ``/view``: its files, the WebSocket, textures and channels of point clouds."""
 
 import asyncio
 import gzip
