@@ -13,6 +13,7 @@ from gateway.scene.tree.nodes import Node
 from gateway.scene.tree.nodes import Path as TreePath
 from gateway.scene.tree.transforms import IDENTITY, Matrix
 from renderers.drawlist import Light
+from scenegate.printable import encodable
 
 _MAX_SHEAR: Final = 1e-6
 """Largest cosine between two axes of a frame that counts as not sheared."""
@@ -67,7 +68,7 @@ def joined_objects(objects: tuple[SceneObject, ...], is_whole: Callable[[TreePat
 
 def _model_name(path: TreePath) -> str:
     """Return the name of a model that is called after a path."""
-    return "/".join(map(str, path)).encode("utf-8", "replace").decode()
+    return encodable("/".join(map(str, path)))
 
 
 def object_frame(X_world_node: Matrix) -> ObjectFrame | None:

@@ -42,6 +42,7 @@ from gateway.scene.tree.transforms import scaling
 from renderers.drawlist import DrawList, Light
 from renderers.interface import LookName
 from scenegate.datasets import manifest
+from scenegate.printable import encodable
 from scenegate.warning_text import strict_refusal
 
 if TYPE_CHECKING:
@@ -291,8 +292,8 @@ def _describe(
         scene=source.name,
         sha256=scene_digest(sources),
         sources=sources,
-        generator=_utf8(generator),
-        warnings=tuple(_utf8(text) for text in warnings),
+        generator=encodable(generator),
+        warnings=tuple(encodable(text) for text in warnings),
         labels={str(label): tuple(utf8_path(path) for path in paths) for label, paths in labels.items()},
         lights=tuple(
             manifest.LightRecord(
@@ -322,9 +323,4 @@ def scene_digest(sources: tuple[manifest.SourceFile, ...]) -> str:
 
 def utf8_path(path: TreePath) -> TreePath:
     """Return a path whose names can be encoded as UTF-8."""
-    return tuple(_utf8(name) if isinstance(name, str) else name for name in path)
-
-
-def _utf8(text: str) -> str:
-    """Return a text with ``?`` in place of lone surrogates, which UTF-8 cannot encode but JSON strings can contain."""
-    return text.encode("utf-8", "replace").decode()
+    return tuple(encodable(name) if isinstance(name, str) else name for name in path)

@@ -6,6 +6,7 @@ from enum import StrEnum
 from typing import Any, Protocol
 
 from gateway.runtime.logs.warning_list import WarningList
+from scenegate.printable import encodable
 
 
 class Service(Protocol):
@@ -63,13 +64,13 @@ class Entry:
         if self.where:
             described["where"] = self.where
         if self.problem:
-            described["problem"] = _encodable(self.problem)
+            described["problem"] = encodable(self.problem)
         if self.progress is not None and self.state is InterfaceState.STARTING:
             described.update(self.progress())
         if self.figures is not None and self.state is InterfaceState.READY:
             described.update(self.figures())
         if warnings := [*described.get("warnings", ()), *self.warnings.listed()]:
-            described["warnings"] = [_encodable(warning) for warning in warnings]
+            described["warnings"] = [encodable(warning) for warning in warnings]
         return described
 
 
@@ -137,11 +138,6 @@ class ServiceRegistry:
             "status": self.verdict(),
             "interfaces": {name: entry.describe(details=details) for name, entry in self.entries.items()},
         }
-
-
-def _encodable(text: str) -> str:
-    """Return a sentence that UTF-8 can encode: file names in it may have other bytes."""
-    return text.encode("utf-8", "replace").decode()
 
 
 def one_line(error: BaseException) -> str:

@@ -18,6 +18,7 @@ from gateway.scene.tree.live import LiveTree
 from gateway.scene.tree.nodes import Path, TreeEdit
 from scenegate.messages.controls import Value
 from scenegate.messages.wire import ERROR_HANDLING_REQUEST, MISSING_PATHS, OK
+from scenegate.printable import encodable
 
 
 class RequestApplier:
@@ -73,11 +74,11 @@ class RequestApplier:
         if self._failures:
             response.status = ERROR_HANDLING_REQUEST
             more = f" (and {len(self._failures) - 1} more)" if len(self._failures) > 1 else ""
-            response.error = _valid_text(self._failures[0].text + more)
+            response.error = encodable(self._failures[0].text + more)
             for failure in self._failures[:limit]:
-                response.errors.append(msgspec.structs.replace(failure, reason=_valid_text(failure.reason)))
+                response.errors.append(msgspec.structs.replace(failure, reason=encodable(failure.reason)))
         if self.request.warnings:
-            response.warnings = [_valid_text(warning.text) for warning in self.request.warnings[:limit]]
+            response.warnings = [encodable(warning.text) for warning in self.request.warnings[:limit]]
         response.newer_commands = self.request.newer_commands
         return response
 
@@ -91,7 +92,7 @@ class RequestApplier:
                 warnings.set(subject)
         found: dict[Subject, list[str]] = {}
         for finding in (*request.warnings, *self._failures):
-            found.setdefault((finding.command, finding.path), []).append(_valid_text(finding.text))
+            found.setdefault((finding.command, finding.path), []).append(encodable(finding.text))
         for subject, sentences in found.items():
             warnings.set(subject, *sentences)
 
@@ -138,11 +139,6 @@ def _advance(commands: Iterator[None], count: int) -> bool:
 
 def _is_at_or_below(path: Path | None, tops: set[Path]) -> bool:
     return path is not None and any(path[:depth] in tops for depth in range(len(path) + 1))
-
-
-def _valid_text(text: str) -> str:
-    """Replace lone surrogates. JSON strings of clients may contain them, and UTF-8 cannot encode them."""
-    return text.encode("utf-8", "replace").decode()
 
 
 @dataclass(frozen=True, slots=True)
