@@ -72,10 +72,7 @@ class Annotations:
 def annotate(
     renderer: Renderer, scene: AnnotatedScene, camera: Camera, frame: Frame, look: Look, *, with_masks: bool
 ) -> Annotations:
-    """Annotate a frame with ``ANNOTATION_OUTPUTS``, which was rendered with this camera and look.
-
-    ``with_masks`` False: there are no silhouettes.
-    """
+    """Annotate a frame with ``ANNOTATION_OUTPUTS``, rendered with this camera and look; silhouettes ``with_masks``."""
     assert frame.instance is not None
     assert frame.depth is not None
     instance = scene.instance_of[frame.instance]

@@ -1,7 +1,4 @@
-"""Run tasks on all cores of this machine.
-
-There is one process per core, because threads would wait for each other: reading scenes holds the GIL.
-"""
+"""Run tasks on all cores of this machine, in processes: reading scenes holds the GIL, so threads would wait."""
 
 import contextlib
 import ctypes

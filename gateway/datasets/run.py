@@ -1,7 +1,4 @@
-"""Run a job: render the missing samples of a dataset, and write the manifest.
-
-If a run is stopped, the next run of the same job continues it.
-"""
+"""Run a job: render the samples that a dataset lacks, and write its manifest. The next run continues a stopped one."""
 
 from __future__ import annotations
 

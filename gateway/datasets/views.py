@@ -1,7 +1,4 @@
-"""Views: named camera poses and intrinsics, which do not depend on a scene.
-
-``camera_of`` computes the camera of a view in a scene.
-"""
+"""Views: named camera poses and intrinsics. ``camera_of`` computes the camera of one in a scene."""
 
 import hashlib
 import math

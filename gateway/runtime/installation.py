@@ -1,7 +1,4 @@
-"""Checks of the installation for ``scenegate doctor``.
-
-This module needs only the standard library, so that it works where libraries do not.
-"""
+"""Checks of ``scenegate doctor`` that need only the standard library, so that they work where others do not."""
 
 import subprocess
 import sys

@@ -102,10 +102,7 @@ class UdpmTransport:
         }
 
     def _raise_receive_buffer(self, requested: int) -> str:
-        """Request a receive buffer of ``requested`` bytes; return a warning if the kernel grants less, or "".
-
-        The warning is also logged.
-        """
+        """Request a receive buffer; return, and log, a warning if the kernel grants fewer bytes, else an empty text."""
         granted = udpm_socket.raise_receive_buffer(self._receiver, requested)
         if granted >= requested:
             return ""

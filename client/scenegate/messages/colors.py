@@ -148,10 +148,7 @@ def check_range(name: str, values: NDArray[Any]) -> None:
 
 
 def as_uint8_or_floats(values: ArrayLike, wanted: str) -> NDArray[Any]:
-    """Return colours as an array; see ``as_array`` for errors.
-
-    Integers from 0 to 255 become uint8 if at least one of them is above 1.
-    """
+    """Return colours as an array. Integers from 0 to 255, one of them above 1, become uint8. Raises as ``as_array``."""
     array = as_array(values, wanted)
     is_integer = array.ndim > 0 and array.dtype.kind in "iu" and array.dtype != np.uint8
     return _from_integers(array) if is_integer else array

@@ -1,7 +1,4 @@
-"""Recorded values, independent of the message format: metres, radians; times are nanoseconds since the epoch.
-
-Those with arrays in them cannot be compared (``eq=False``).
-"""
+"""Recorded values, independent of the message format: metres, radians, nanoseconds since the epoch."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field

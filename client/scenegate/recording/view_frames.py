@@ -69,10 +69,7 @@ class Joints:
         return {name: self._values[slider] for slider, name in self._names.items()}
 
     def apply(self, header: dict[str, Any]) -> bool:
-        """Apply the header of a frame of controls; return True if it changes joints.
-
-        Raises KeyError, TypeError or ValueError if the header is invalid.
-        """
+        """Apply a header of controls; return True if it changes joints. Raises KeyError, TypeError or ValueError."""
         controls = header.get("controls")
         if controls is not None:
             sliders = [each for each in controls if each["type"] == "slider" and each.get("unit") in JOINT_UNITS]

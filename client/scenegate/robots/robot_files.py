@@ -149,10 +149,7 @@ class RobotFiles:
         return data
 
     def read_beside(self, mesh: Path, name: str) -> bytes:
-        """Return the bytes of a file that a mesh file refers to by URL, or by a name as for ``referenced_path``.
-
-        Raises OSError or RobotFileError.
-        """
+        """Read a file that a mesh file names, by URL or as for ``referenced_path``. Raises OSError, RobotFileError."""
         return self.read(self.find(name) if split_url(name)[0] else referenced_path(mesh, name))
 
     def _candidates(self, scheme: str, path: str) -> Iterator[Path]:

@@ -36,10 +36,7 @@ def split_url(name: str) -> tuple[str, str]:
 
 
 class Packages:
-    """Folders by package name, found by their ``package.xml``. Thread-safe.
-
-    If several packages have the same name, the first one found is used.
-    """
+    """Folders by package name, as their ``package.xml`` says; of equal names the first one found. Thread-safe."""
 
     def __init__(self, roots: tuple[Path, ...], clock: Callable[[], float] = time.monotonic) -> None:
         """``roots``: folders to search, with links resolved. The search follows no links, so it stays below them."""

@@ -74,10 +74,7 @@ class _Scope:
 def parse_sdf(
     root: Element, files: RobotFiles, use: GeometryUse, limits: RobotFileLimits, warnings: list[str]
 ) -> LinkModel:
-    """Return the content of an SDF document; geometry of the other use is not read.
-
-    Raises RobotFileError if there are no links, or a limit is exceeded.
-    """
+    """Return the content of an SDF document; geometry of the other use is not read. Raises RobotFileError."""
     return _SdfReader(files, use, limits, warnings).read(root)
 
 

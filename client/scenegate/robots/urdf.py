@@ -41,10 +41,7 @@ Drake's, ``spherical`` is PyBullet's."""
 
 
 def parse_urdf(root: Element, use: GeometryUse, limits: RobotFileLimits, warnings: list[str]) -> LinkModel:
-    """Return the content of a URDF document; geometry of the other use is not read.
-
-    Raises RobotFileError if there are no links, or a limit is exceeded.
-    """
+    """Return the content of a URDF document; geometry of the other use is not read. Raises RobotFileError."""
     for element in root.iter():
         for name, text in element.items():
             if len(text) > limits.max_attribute_chars:

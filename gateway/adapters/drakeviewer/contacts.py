@@ -1,7 +1,4 @@
-"""Contact forces as arrows, and contact surfaces coloured by their pressure, as Drake's own viewer draws them.
-
-Thresholds, scales, radius and colours are Drake's.
-"""
+"""Contact forces as arrows, and contact surfaces coloured by their pressure, as Drake's own viewer draws them."""
 
 from collections.abc import Sequence
 from typing import Final

@@ -138,10 +138,7 @@ def decode_link_data(message: Message, limits: Limits) -> Link:
 
 
 def decode_draw(message: Message, limits: Limits, known: LinkNames | None = None) -> Draw:
-    """Return a ``lcmt_viewer_draw``, with the object ``known`` in place of equal names.
-
-    Decoding the names takes most of the time.
-    """
+    """Return a ``lcmt_viewer_draw``, with object ``known`` for equal names: decoding them takes most of the time."""
     reader = Reader(message, DRAW, "lcmt_viewer_draw", limits)
     milliseconds = reader.integer(8)
     count = reader.count("num_links", limits.links)

@@ -197,10 +197,7 @@ class Listing(msgspec.Struct):
 
 
 def list_scene(snapshot: Snapshot, draw_list: DrawList, labels: LabelTable, max_nodes: int) -> bytes:
-    """Return the JSON of a snapshot, with at most ``max_nodes`` nodes, at least 1.
-
-    The draw list is the snapshot's, with labels from ``labels``.
-    """
+    """Return the JSON of a snapshot, with at most ``max_nodes`` nodes, at least 1, and labels from ``labels``."""
     instance_boxes = instance_bounds(draw_list.instances)
     index_by_path: dict[Path, int] = {}
     nodes: list[ListedNode] = []

@@ -42,10 +42,7 @@ def read_parts(command: Mapping[str, Any], context: ReadContext) -> tuple[Part, 
 
 
 def read_geometry(params: Any, context: ReadContext, name: str = "geometry") -> tuple[Part, ...]:
-    """Return the parts of one geometry: several for a mesh file, none if nothing can be drawn, otherwise one.
-
-    ``name``: name of the geometry in the command, for error texts.
-    """
+    """Return the parts of one geometry; none if nothing can be drawn. ``name`` stands for it in error texts."""
     if not isinstance(params, dict):
         raise CommandError(f"{name} must be an object, not {show(params)}")
     kind = params.get("type")

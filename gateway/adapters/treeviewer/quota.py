@@ -54,10 +54,7 @@ class _ObjectsInUse:
 
 
 class TreeQuota:
-    """Counts nodes, geometries, and bytes of arrays and images in use, and checks them against their limits.
-
-    Other interfaces also edit the tree. Their edits are never rejected.
-    """
+    """Counts what is in use, and checks requests against its limits. Edits of other interfaces always pass."""
 
     def __init__(self, limits: Limits, clock: Callable[[], float] = time.monotonic) -> None:
         self._limits = limits

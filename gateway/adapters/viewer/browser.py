@@ -115,10 +115,7 @@ class Browser:
         self._page_meshes.difference_update(mesh_ids)
 
     def drop_snapshot_if_sent_before(self, time: float) -> None:
-        """Release the page's snapshot if its last update was sent before ``time`` and is not acknowledged.
-
-        The next update is then the whole scene.
-        """
+        """Forget the page's snapshot if its update, sent before ``time``, is not acknowledged; the next is whole."""
         if self.state is BrowserState.BUSY and self._update_time < time:
             self._page_snapshot = EMPTY_SNAPSHOT
 

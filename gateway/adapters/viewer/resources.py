@@ -43,10 +43,7 @@ class WeakIds(Generic[T]):
 
 
 class Resources:
-    """The meshes, textures and point clouds that browsers refer to by id.
-
-    Only ``mesh_frame`` is thread-safe. The other methods are called in the event loop.
-    """
+    """Meshes, textures and point clouds by id, used in the event loop; ``mesh_frame`` also in threads."""
 
     def __init__(self) -> None:
         self._meshes: WeakIds[Mesh] = WeakIds()

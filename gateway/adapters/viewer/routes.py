@@ -180,10 +180,7 @@ def _assets() -> frozenset[str]:
 
 @cache
 def _read(path: str, compressed: bool) -> tuple[bytes, str]:
-    """Return the content of a file of the page, and its ETag.
-
-    gzip takes 0.1 s for the largest, so it is called in a thread.
-    """
+    """Return a file of the page, and its ETag. Called in a thread: gzip takes 0.1 s for the largest."""
     data = STATIC.joinpath(path).read_bytes()
     if compressed:
         data = gzip.compress(data, mtime=0)

@@ -1,7 +1,4 @@
-"""Types of the values that other interfaces provide to the browser view.
-
-``gateway.wiring`` converts the values, so that the browser view imports no other interface.
-"""
+"""Types of what other interfaces provide to the browser view, which imports none of them."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -36,10 +33,7 @@ class StereoSource(Protocol):
     """The stereo camera, as the browser view uses it."""
 
     def rig(self, snapshot: Snapshot) -> PlacedRig | None:
-        """Return the pose and intrinsics in a snapshot of the live scene, or None if the camera shows another scene.
-
-        Called for every update, so it must be fast.
-        """
+        """Return pose and intrinsics in a snapshot of the live scene; None in another scene. Must be fast."""
 
     async def capture(self) -> StereoImages:
         """Render and return a set of images."""

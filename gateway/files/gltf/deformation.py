@@ -62,10 +62,7 @@ class Deformation(msgspec.Struct, frozen=True, gc=False, eq=False):
         return sha256.digest()
 
     def apply(self, attributes: dict[str, Floats], begin: int, name: str, warnings: list[str]) -> None:
-        """Deform the attributes of consecutive vertices from ``begin`` on in place, morph targets first.
-
-        Raises GltfError if a vertex refers to a joint that the skin does not have.
-        """
+        """Deform the attributes of vertices from ``begin`` on in place, morph targets first. Raises GltfError."""
         end = begin + len(attributes["POSITION"])
         with np.errstate(all="ignore"):  # meshes leave out vertices that are not finite
             for weight, target in self.targets:

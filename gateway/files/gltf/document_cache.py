@@ -141,10 +141,7 @@ class GltfCache:
             return HashedDocument(data, offset, key, None, hashlib.sha256(text))
 
     def add(self, document: HashedDocument, container: Container, content: DocumentContent) -> None:
-        """Keep the content of a document, if its text can be split before its nodes.
-
-        ``container``: result of ``open_container`` for it.
-        """
+        """Keep the content of a document, opened as ``container``, if its text can be split before its nodes."""
         entry = _new_entry(document, container, content)
         if entry is not None:
             # The file's size bounds that of its images, which are kept encoded.

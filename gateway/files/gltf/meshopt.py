@@ -38,10 +38,7 @@ def decompress(source: schema.MeshoptCompression, compressed: bytes | memoryview
 
 
 def checked_layout(source: schema.MeshoptCompression, path: str) -> tuple[int, int]:
-    """Return ``count`` and ``byteStride`` of a buffer view, which give its size.
-
-    Raises GltfError if they are missing or not allowed for the mode, or the mode is unknown.
-    """
+    """Return ``count`` and ``byteStride`` of a buffer view. Raises GltfError unless its mode allows them."""
     count, stride = source.count, source.byte_stride
     if count is None or count < 0:
         raise GltfError(f"{path}.count: {count} is not a number of elements")

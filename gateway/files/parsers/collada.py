@@ -245,10 +245,7 @@ class _SceneReader:
                 yield len(self.result.shapes) - 1, count
 
     def _read_primitive(self, primitive: Any, material: Any) -> Shape | None:
-        """Convert triangles with one index per attribute to triangles that share no vertices.
-
-        ``material``: the node that binds one to the primitive, or None.
-        """
+        """Convert triangles to ones that share no vertices. ``material`` is the node that binds one, or None."""
         effect = None if material is None else material.target.effect
         positions = _corners(primitive.vertex, primitive.vertex_index, "vertices")
         normals = uv = colors = None

@@ -1,7 +1,4 @@
-"""Child process that compiles kernels into the cache.
-
-It runs as ``python -m gateway.runtime.kernels.compile_process FD PART ...``.
-"""
+"""Child process that compiles kernels: ``python -m gateway.runtime.kernels.compile_process FD PART ...``."""
 
 from __future__ import annotations
 

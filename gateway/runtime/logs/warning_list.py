@@ -1,7 +1,4 @@
-"""Warnings of an interface that still hold.
-
-``/healthz`` lists the warnings, and the page shows the interface in yellow.
-"""
+"""Warnings of an interface that still hold: ``/healthz`` lists them, and the page shows the interface in yellow."""
 
 from collections.abc import Callable
 from typing import Any, Final

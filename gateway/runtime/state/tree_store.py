@@ -1,7 +1,4 @@
-"""The live tree in the database.
-
-Each transaction writes the differences between the live tree and the stored tree. All rows are read at start.
-"""
+"""The live tree in the database: each transaction writes the differences from the stored tree."""
 
 import json
 import sqlite3

@@ -65,10 +65,7 @@ def send_message(stream: BufferedRWPair, kind: bytes, body: bytes) -> None:
 
 
 def receive_message(stream: BufferedRWPair, max_bytes: int = sys.maxsize) -> tuple[bytes, bytes]:
-    """Return kind and body of the next message.
-
-    Raises EOFError if the other process has ended, or the body is longer than ``max_bytes``.
-    """
+    """Return kind and body of the next message. Raises EOFError at the end, or beyond ``max_bytes``."""
     header = stream.read(_HEADER.size)
     if len(header) < _HEADER.size:
         raise EOFError

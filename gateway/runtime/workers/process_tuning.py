@@ -44,10 +44,7 @@ def address_space_problem() -> str:
 
 
 def tune() -> None:
-    """Keep the memory of freed images, prefer the event loop's thread, and allow many connections.
-
-    Settings that the system does not allow are skipped.
-    """
+    """Keep freed memory, prefer the event loop's thread, and allow many connections, as far as the system does."""
     # Child processes that compile kernels never use gRPC; its fork handlers would only write to stderr.
     os.environ.setdefault("GRPC_ENABLE_FORK_SUPPORT", "false")
     sys.setswitchinterval(_SWITCH_SECONDS)

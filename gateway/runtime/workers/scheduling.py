@@ -40,10 +40,7 @@ def prefer_this_thread() -> None:
 
 
 def yield_to_event_loop(niceness: int = BACKGROUND_NICENESS) -> None:
-    """Give the calling thread default time slices and raise its niceness.
-
-    For threads that compute. Does nothing where the system does not allow it.
-    """
+    """Give the calling thread, which computes, default time slices and a higher niceness, if the system allows it."""
     if sys.platform == "linux":
         raise_niceness(threading.get_native_id(), niceness)
         _set_slice(_DEFAULT_SLICE)

@@ -38,10 +38,7 @@ TERMINAL_SIGNALS: Final = (signal.SIGINT, signal.SIGHUP)
 
 
 async def send_heartbeats(connection: Connection, is_ready: Callable[[], bool]) -> None:
-    """Send heartbeats from a process to its supervisor until cancelled: a process whose event loop hangs is replaced.
-
-    They state whether the process ``is_ready``.
-    """
+    """Send heartbeats with ``is_ready`` until cancelled: the supervisor replaces a process that hangs."""
     os.set_blocking(connection.fileno(), False)
     while True:
         with contextlib.suppress(OSError):  # the supervisor has ended, or does not read

@@ -85,10 +85,7 @@ class MountedCamera:
 
 
 def parse_mounted_camera(text: str) -> MountedCamera:
-    """Parse an entry of ``--stereo-cameras``.
-
-    Raises CameraError if an option is given twice or invalid, or the rest is neither a pose nor a node.
-    """
+    """Parse an entry of ``--stereo-cameras``. Raises CameraError: an invalid option, or neither a pose nor a node."""
     options: dict[str, str] = {}
     rest = text.strip()
     while (match := _OPTION.match(rest)) is not None:

@@ -51,8 +51,5 @@ class LivePage:
             listener()
 
     def listen(self, listener: Callable[[], None]) -> None:
-        """Register a listener that is called after a change of the view or of clickable paths. It must not block.
-
-        ``ControlStore.listen`` registers listeners for changes of controls.
-        """
+        """Register a listener for changes of the view and of clickable paths, not of controls. It must not block."""
         self._listeners.append(listener)

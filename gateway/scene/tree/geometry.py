@@ -1,7 +1,4 @@
-"""Shapes and their parts, which are the geometry of nodes. Lengths in metres, in the shape's own frame, Z up.
-
-Solids are those of the tree viewer's protocol.
-"""
+"""Shapes and their parts, the geometry of nodes: metres, in the shape's own frame, Z up."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field

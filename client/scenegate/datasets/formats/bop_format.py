@@ -205,10 +205,7 @@ def diameter(points: NDArray[np.float64]) -> float:
 
 
 def _write_models(dataset_folder: Path, folder: Path, object_ids: Mapping[ModelKey, int]) -> None:
-    """Write the models of a dataset into a folder.
-
-    Raises RecordError if a model cannot be read, has no finite vertex, or lies outside of the dataset.
-    """
+    """Write the models of a dataset into a folder. Raises RecordError for an unreadable one, or without a vertex."""
     folder.mkdir()
     infos: dict[str, dict[str, float]] = {}
     for key, object_id in object_ids.items():

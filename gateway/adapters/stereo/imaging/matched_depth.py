@@ -72,10 +72,7 @@ def _match_region(
     settings: StreamSettings,
     parallel: Parallel,
 ) -> DepthImages:
-    """Return depth images of the full size, of which only the depth region is matched, to save time.
-
-    Arguments are those of ``match_pair``, and the parameters of the frame.
-    """
+    """Return depth images of the full size as ``match_pair`` does, but match only the depth region, to save time."""
     region = settings.depth_region
     if region is None:
         return match_pair(left, right, disparity_count, noise_sigma, settings.quality.divisor, parallel)

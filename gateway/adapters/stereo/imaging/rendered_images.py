@@ -92,10 +92,7 @@ class ExposureMemory:
 
 @dataclass(frozen=True, eq=False)
 class Imaging:
-    """Source of images and depth: the rendered scene, with the effects of ``config.realism``.
-
-    Rendered depth does not depend on these effects.
-    """
+    """Source of images and depth: the rendered scene, with the effects of ``config.realism`` on images."""
 
     config: StereoConfig
     renderer: Renderer
@@ -122,10 +119,7 @@ class Imaging:
         return replace(look, camera_light=replace(light, key=key))
 
     def key_light(self, capture: Capture, camera: Camera | None = None) -> KeyLight | None:
-        """Return the key light of a capture's images; None: they have none.
-
-        ``camera`` is as in ``extra_renderings.key_light``; None: the left one, for both cameras.
-        """
+        """Return the key light of a capture's images, if they have one. ``camera`` None: the left one, for both."""
         if "shadows" not in self.config.realism:
             return None
         camera = camera or self.camera(capture, 0.0, METERING_DIVISOR)
@@ -160,10 +154,7 @@ class Imaging:
         )
 
     def meter(self, capture: Capture, settings: StreamSettings) -> MeteredExposure:
-        """Return the exposure of a capture's images, and the mean brightness of the left image.
-
-        The exposure is the manual one if a texture cannot be decoded.
-        """
+        """Return exposure and mean brightness of the left image; the manual exposure for an undecodable texture."""
         # Metering may need the light of the camera's own projector while it is off.
         lit_capture = replace(capture, gpio=capture.gpio | 1) if settings.meters_lit_images else capture
         try:

@@ -73,10 +73,7 @@ class FrameClock:
         return timestamp
 
     def seconds_until_frame(self, settings: StreamSettings, now: float, *, depth_only: bool = False) -> float:
-        """Return the seconds until the next frame that is needed is due, at most 0 if it is due.
-
-        ``depth_only``: frames without depth are not needed.
-        """
+        """Return the seconds until a needed frame is due, at most 0. ``depth_only``: only those with depth are."""
         seconds = self._next_frame_due - now
         self._needed_from = min(self._needed_from, now)  # earlier than planned if the wait was ended
         if depth_only and not settings.single_frame and not self.simulated:

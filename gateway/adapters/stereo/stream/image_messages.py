@@ -68,10 +68,7 @@ def timestamp_field(nanoseconds: int) -> bytes:
 def image(
     pixels: NDArray[np.uint8] | NDArray[np.uint16], intrinsics: Intrinsics, metadata: ImageMetadata
 ) -> list[Chunk]:
-    """Return an ``Image``. The chunks share memory with ``pixels``.
-
-    They are (H, W) uint8: mono8, (H, W) uint16: mono16, or (H, W, 3) uint8: rgb8.
-    """
+    """Return an ``Image`` that shares memory with ``pixels``: (H, W) uint8 or uint16, or (H, W, 3) uint8 RGB."""
     height, width = pixels.shape[:2]
     if pixels.dtype == np.uint16:
         encoding, step = "mono16", 2 * width
