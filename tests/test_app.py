@@ -23,8 +23,7 @@ from gateway.runtime.logs import log_setup
 from gateway.runtime.service_registry import ServiceRegistry
 from gateway.runtime.settings import Settings
 from gateway.wiring import startup
-from gateway.wiring.context import Context
-from gateway.wiring.provided import Provided
+from gateway.wiring.context import Context, Provided
 from renderers.compiler import pending
 from tests.support.forms import CONTENT_TYPE, body, drake_fields, gltf
 from tests.support.waiting import SECONDS, until

@@ -34,7 +34,7 @@ if TYPE_CHECKING:
     from scenegate.tree.answer import TreeViewerError as TreeViewerError
     from scenegate.tree.node_handles import Batch as Batch
     from scenegate.tree.node_handles import NodeHandle as NodeHandle
-    from scenegate.tree.published_robot import PublishedRobot as PublishedRobot
+    from scenegate.tree.node_handles import PublishedRobot as PublishedRobot
     from scenegate.tree.viewer import TreeViewer as TreeViewer
 
 __version__: Final = "0.1.0"
@@ -49,8 +49,7 @@ _MODULES: Final = {
     "messages.mesh_file": ("MeshFile",),
     "tree.aio": ("AsyncTreeViewer",),
     "tree.answer": ("Answer", "TreeViewerError"),
-    "tree.node_handles": ("Batch", "NodeHandle"),
-    "tree.published_robot": ("PublishedRobot",),
+    "tree.node_handles": ("Batch", "NodeHandle", "PublishedRobot"),
     "tree.viewer": ("TreeViewer",),
 }
 """Exported names by module."""

@@ -7,8 +7,7 @@ import asyncio
 from collections.abc import Mapping
 from typing import Any, Final
 
-from gateway.demo.demo_motion import PERIOD, poses
-from gateway.demo.objects import scene_parts
+from gateway.demo.objects import PERIOD, poses, scene_parts
 from gateway.scene.tree.live import LiveTree
 from gateway.scene.tree.nodes import TreeEdit
 

@@ -11,8 +11,8 @@ import structlog
 
 from gateway.adapters.drakeviewer.channels import channel_of
 from gateway.adapters.drakeviewer.config import DrakeViewerConfig
-from gateway.adapters.drakeviewer.messages import MessageError
 from gateway.adapters.drakeviewer.viewer import DrakeState, DrakeViewer
+from gateway.adapters.drakeviewer.wire import MessageError
 from gateway.adapters.treeviewer.protocol import TreeViewerProtocol
 from gateway.adapters.treeviewer.responses import FormatResponse
 from gateway.files.assets.mesh_files import MeshFiles

@@ -1,9 +1,9 @@
-"""Objects shared by all interfaces of one application, and the supervision of their services."""
+"""Objects shared by all interfaces of one application, what they provide, and the supervision of their services."""
 
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Callable, Coroutine, Mapping
+from collections.abc import Callable, Coroutine, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, field
 from functools import cached_property, partial
@@ -16,6 +16,7 @@ from gateway.replay.history import TreeHistory
 from gateway.runtime.http.interface_names import title_of
 from gateway.runtime.http.security import Security
 from gateway.runtime.kernels.loading import KernelLoader
+from gateway.runtime.lcm.listener import ChannelListener
 from gateway.runtime.logs.metrics_registry import Metrics
 from gateway.runtime.service_registry import Service, ServiceRegistry, one_line
 from gateway.runtime.settings import MIB, Settings
@@ -26,15 +27,18 @@ from gateway.scene.draw.live_scene import LiveScene
 from gateway.scene.draw.style import Style
 from gateway.scene.page.live_page import LivePage
 from gateway.scene.tree.labels import LabelTable
-from gateway.scene.tree.live import LiveTree
-from gateway.wiring.provided import Provided
+from gateway.scene.tree.live import LiveTree, Snapshot
+from renderers.camera import Camera
 from renderers.interface import Renderer
 
 if TYPE_CHECKING:
     from multiprocessing.connection import Connection
 
+    from gateway.adapters.stereo.service import StereoService
+    from gateway.adapters.viewer.sources import StereoSource
     from gateway.files.assets.mesh_files import MeshFiles
     from gateway.replay.log_service import LogService
+    from gateway.runtime.logs.render_record import RenderRecord
     from gateway.runtime.state.service import PersistentState
     from gateway.runtime.workers.worker_reports import WorkerReports
     from gateway.scene.tree.timeline import Timeline
@@ -47,9 +51,31 @@ IDLE_SECONDS: Final = 10.0
 """Time without work after which the memory of earlier frames and scenes is returned to the system."""
 
 
+@dataclass(frozen=True)
+class ProvidedCamera:
+    """The first stereo camera."""
+
+    service: StereoService
+    sensor: StereoSource
+    """Its images for the browser view."""
+    camera: Callable[[Snapshot], Camera | None]
+    """Returns its left camera in a snapshot of the live tree; None if it sees another scene."""
+
+
+@dataclass(frozen=True)
+class Provided:
+    """What the interfaces that have started provide. A set-up returns it with its own part."""
+
+    recent_renders: Sequence[RenderRecord] = ()
+    """Newest finished requests of the render endpoint, oldest first."""
+    lcm_listeners: tuple[ChannelListener, ...] = ()
+    """Receivers of channels besides those of the tree viewer."""
+    stereo: ProvidedCamera | None = None
+
+
 @dataclass(eq=False)
 class Context:
-    """Shared objects of one application. What interfaces provide to each other is in ``provided.Provided``."""
+    """Shared objects of one application. What interfaces provide to each other is in ``Provided``."""
 
     settings: Settings
     app: FastAPI

@@ -1,8 +1,7 @@
 """The moving demo scene in the live tree (``--demo``)."""
 
 from gateway.demo import Demo
-from gateway.wiring.context import Context
-from gateway.wiring.provided import Provided
+from gateway.wiring.context import Context, Provided
 
 
 async def setup(context: Context, provided: Provided) -> Provided:

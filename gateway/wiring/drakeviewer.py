@@ -6,8 +6,7 @@ from gateway.adapters.drakeviewer.channels import PREFIXES
 from gateway.adapters.drakeviewer.config import DrakeViewerConfig
 from gateway.adapters.drakeviewer.service import DrakeViewerService
 from gateway.runtime.lcm.listener import ChannelListener
-from gateway.wiring.context import Context
-from gateway.wiring.provided import Provided
+from gateway.wiring.context import Context, Provided
 
 
 async def setup(context: Context, provided: Provided) -> Provided:

@@ -9,8 +9,7 @@ from gateway.adapters.stereo.service import StereoService
 from gateway.adapters.stereo.stream.set_kind import SetKind
 from gateway.adapters.stereo.stream.subscriptions import Subscription
 from gateway.adapters.viewer.encoder import SnapshotFrames
-from gateway.wiring.context import Context
-from gateway.wiring.provided import Provided
+from gateway.wiring.context import Context, Provided
 
 _NODES: Final = ("rc_camera", "rc_stereomatching", "rc_iocontrol")
 """Nodes of the device whose parameters Foxglove shows."""

@@ -11,8 +11,7 @@ from gateway.runtime.settings import MIB, Settings
 from gateway.scene.draw.style import Style
 from gateway.scene.tree.nodes import Node
 from gateway.wiring import metrics
-from gateway.wiring.context import Context
-from gateway.wiring.provided import Provided
+from gateway.wiring.context import Context, Provided
 from gateway.wiring.scene_setting import read_scene_setting
 
 

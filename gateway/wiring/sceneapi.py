@@ -5,8 +5,7 @@ from dataclasses import replace
 from gateway.adapters.sceneapi.config import SceneApiConfig
 from gateway.adapters.sceneapi.routes import router
 from gateway.adapters.sceneapi.service import SceneApi
-from gateway.wiring.context import Context
-from gateway.wiring.provided import Provided
+from gateway.wiring.context import Context, Provided
 
 
 async def setup(context: Context, provided: Provided) -> Provided:

@@ -13,8 +13,7 @@ from gateway import __version__
 from gateway.runtime.kernels.loading import KERNELS
 from gateway.runtime.service_registry import InterfaceState
 from gateway.runtime.settings import Settings
-from gateway.wiring.context import Context
-from gateway.wiring.provided import Provided
+from gateway.wiring.context import Context, Provided
 from gateway.wiring.state import STATE, restore_state
 
 _log = structlog.get_logger("gateway")

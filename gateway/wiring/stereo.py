@@ -41,8 +41,7 @@ from gateway.scene.tree.labels import LabelTable
 from gateway.scene.tree.live import LiveTree, Snapshot
 from gateway.scene.tree.timeline import state_at
 from gateway.wiring import metrics
-from gateway.wiring.context import Context
-from gateway.wiring.provided import Provided, ProvidedCamera
+from gateway.wiring.context import Context, Provided, ProvidedCamera
 from gateway.wiring.scene_setting import read_scene_setting
 from gateway.wiring.telemetry import NO_TELEMETRY
 from renderers.light_rig import Rig

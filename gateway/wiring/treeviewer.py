@@ -4,8 +4,7 @@ from gateway.adapters.treeviewer.config import TreeViewerConfig
 from gateway.adapters.treeviewer.service import TreeViewerService
 from gateway.runtime.lcm.config import LcmConfig
 from gateway.wiring import metrics
-from gateway.wiring.context import Context
-from gateway.wiring.provided import Provided
+from gateway.wiring.context import Context, Provided
 
 
 async def setup(context: Context, provided: Provided) -> Provided:

@@ -13,9 +13,8 @@ from gateway.adapters.treeviewer.commands import COMMANDS
 from gateway.adapters.treeviewer.config import TreeViewerConfig
 from gateway.runtime.lcm.config import LcmConfig
 from gateway.scene.draw.cameras import LookAtCamera
-from gateway.scene.page.clicks import ClickSubscriptions
 from gateway.scene.page.control_store import ControlStore
-from gateway.scene.page.live_page import PageView
+from gateway.scene.page.live_page import ClickSubscriptions, PageView
 from gateway.scene.tree.live import LiveTree
 from gateway.scene.tree.nodes import Node
 from scenegate import AsyncTreeViewer, Box, Click, TreeViewer, TreeViewerError

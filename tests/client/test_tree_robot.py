@@ -13,7 +13,7 @@ from scenegate import AsyncTreeViewer, TreeViewer
 from scenegate.messages.changes import Changes
 from scenegate.robots import read_robot
 from scenegate.tree.answer import Answer
-from scenegate.tree.published_robot import PublishedRobot
+from scenegate.tree.node_handles import PublishedRobot
 from tests.adapters.treeviewer.transports import serving
 from tests.files.robots.files import ARM, write
 from tests.support.liblcm import liblcm

@@ -8,9 +8,8 @@ import pytest
 from numpy.typing import NDArray
 
 from gateway.adapters.stereo.device.profile import DepthMode
-from gateway.datasets.derived_images import flow_between, flow_file, right_camera
 from gateway.datasets.measured_depth import cached_profile
-from gateway.datasets.rendering import SampleInputs, render_sample
+from gateway.datasets.rendering import SampleInputs, flow_between, flow_file, render_sample, right_camera
 from gateway.datasets.scenes import LoadedScene
 from gateway.scene.draw.cameras import CameraError
 from gateway.scene.draw.style import Style

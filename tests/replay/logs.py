@@ -6,8 +6,8 @@ from typing import Any
 
 import numpy as np
 
-from gateway.adapters.drakeviewer.messages import MessageError
 from gateway.adapters.drakeviewer.viewer import DrakeViewer
+from gateway.adapters.drakeviewer.wire import MessageError
 from gateway.adapters.treeviewer.protocol import REQUEST, TreeViewerProtocol
 from gateway.files.assets.mesh_files import MeshFiles
 from gateway.scene.tree.geometry import PointCloud, Surface

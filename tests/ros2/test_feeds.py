@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from gateway.adapters.viewer.control_frames import ControlFrames
 from gateway.adapters.viewer.encoder import SnapshotFrames
+from gateway.adapters.viewer.frames import ControlFrames
 from gateway.scene.page.control_store import ControlStore
 from gateway.scene.tree.geometry import Part, PointCloud
 from gateway.scene.tree.live import LiveTree

@@ -15,7 +15,6 @@ from gateway.adapters.stereo.device.camera_config import StereoConfig
 from gateway.adapters.stereo.device.profile import read_profile
 from gateway.adapters.stereo.imaging.scene_view import SceneView
 from gateway.adapters.stereo.service import StereoService
-from gateway.adapters.viewer.gateway_status import gateway_status
 from gateway.adapters.viewer.messages import Fact, Status
 from gateway.app import create_app
 from gateway.demo import ROOT, Demo
@@ -30,9 +29,9 @@ from gateway.scene.tree.geometry import Part
 from gateway.scene.tree.labels import LabelTable
 from gateway.scene.tree.live import LiveTree
 from gateway.wiring import render, sceneapi, stereo, treeviewer
-from gateway.wiring.context import Context
-from gateway.wiring.provided import Provided, ProvidedCamera
+from gateway.wiring.context import Context, Provided, ProvidedCamera
 from gateway.wiring.startup import enabled_interfaces
+from gateway.wiring.view import gateway_status
 from renderers.drawlist import Material
 from renderers.raster import CpuRenderer
 from renderers.stereo.light.levels import LightLevels

@@ -25,7 +25,7 @@ Input beyond a limit is rejected as early as possible, with one sentence that na
 
 CLASSES: Final[tuple[tuple[str, str, str], ...]] = (
     ("Render endpoint", "gateway.adapters.render.config", "RenderConfig"),
-    ("Scenes in glTF", "gateway.files.gltf.limits", "GltfLimits"),
+    ("Scenes in glTF", "gateway.files.gltf.gltf_errors", "GltfLimits"),
     ("Mesh files", "gateway.files.assets.mesh_files", "MeshFileLimits"),
     ("Mesh files: the process that parses one", "gateway.files.assets.mesh_formats", "ParserLimits"),
     ("Robot files", "gateway.files.robots.robot", "RobotLimits"),
@@ -33,7 +33,7 @@ CLASSES: Final[tuple[tuple[str, str, str], ...]] = (
     ("Tree viewer: scheduling", "gateway.adapters.treeviewer.config", "TreeViewerConfig"),
     ("Drake's visualizer: one message", "gateway.adapters.drakeviewer.config", "Limits"),
     ("Drake's visualizer: scheduling", "gateway.adapters.drakeviewer.config", "DrakeViewerConfig"),
-    ("Clicks in the browser", "gateway.scene.page.clicks", "ClickLimits"),
+    ("Clicks in the browser", "gateway.scene.page.live_page", "ClickLimits"),
     ("Controls in the browser", "gateway.scene.page.control_store", "ControlLimits"),
     ("LCM", "gateway.runtime.lcm.config", "LcmConfig"),
     ("Stereo camera", "gateway.adapters.stereo.device.camera_config", "StereoConfig"),

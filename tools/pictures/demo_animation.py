@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from gateway.demo import Demo
-from gateway.demo.demo_motion import PERIOD
+from gateway.demo.objects import PERIOD
 from gateway.scene.draw.flatten import flatten
 from gateway.scene.tree.live import LiveTree
 from renderers.drawlist import DrawList

@@ -20,8 +20,8 @@ from scenegate.robots.joint_text import parse_joints
 from scenegate.robots.robot_reader import SUFFIXES
 from scenegate.robots.xacro_args import parse_xacro_args
 from scenegate.tree.answer import Answer, TreeViewerError
-from scenegate.tree.joint_sliders import JointSliders
-from scenegate.tree.published_robot import PublishedRobot
+from scenegate.tree.control_panel import JointSliders
+from scenegate.tree.node_handles import PublishedRobot
 from scenegate.tree.viewer import TreeViewer
 from scenegate.warning_text import NOTHING_DRAWN, NOTHING_OF_ROBOT, joined_warnings, strict_refusal
 

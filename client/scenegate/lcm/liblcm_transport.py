@@ -9,8 +9,7 @@ import os
 from collections.abc import Callable
 from typing import Any, Final
 
-from scenegate.lcm.receive_queue import ReceiveQueue
-from scenegate.lcm.transport import LcmMessage, LcmUnavailableError, OnMessage
+from scenegate.lcm.transport import LcmMessage, LcmUnavailableError, OnMessage, ReceiveQueue
 
 _log = logging.getLogger("scenegate.lcm")
 
@@ -19,7 +18,7 @@ MAX_OPEN_FILES: Final = 1000
 1024 and more; it opens a few itself."""
 MAX_READ_MESSAGES: Final = 1024
 """Maximum number of messages taken from liblcm before the event loop continues. It is higher than
-``receive_queue.MAX_HANDLED``, because our receive queue has a limit in bytes and liblcm's own queue has none."""
+``transport.MAX_HANDLED``, because our receive queue has a limit in bytes and liblcm's own queue has none."""
 
 
 class LiblcmTransport:

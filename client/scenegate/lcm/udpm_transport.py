@@ -11,8 +11,7 @@ from collections.abc import Callable
 from typing import Final
 
 from scenegate.lcm import udpm, udpm_socket
-from scenegate.lcm.receive_queue import ReceiveQueue
-from scenegate.lcm.transport import LcmMessage, OnMessage, TransportLimits
+from scenegate.lcm.transport import LcmMessage, OnMessage, ReceiveQueue, TransportLimits
 from scenegate.lcm.udpm_assembler import Assembler
 from scenegate.lcm.udpm_sender import UdpmSender
 from scenegate.lcm.url import parse_udpm_url

@@ -16,13 +16,10 @@ from scenegate.messages.arguments import describe
 from scenegate.messages.geometry import Geometry, MeshGeometry, Transform
 from scenegate.messages.mesh_file import MeshFile, referenced_files
 from scenegate.regular_files import reason_of
-from scenegate.robots.link_files import LinkFiles, color_of
-from scenegate.robots.link_kinematics import LinkKinematics
-from scenegate.robots.link_model import Cone, Link, LinkGeometry, LinkModel, MeshReference
+from scenegate.robots.link_model import Cone, Link, LinkGeometry, LinkKinematics, LinkModel, MeshReference
 from scenegate.robots.robot import GeometryUse, Robot
-from scenegate.robots.robot_errors import RobotFileError
-from scenegate.robots.robot_files import RobotFiles
-from scenegate.robots.robot_limits import RobotFileLimits
+from scenegate.robots.robot_errors import RobotFileError, RobotFileLimits
+from scenegate.robots.robot_files import LinkFiles, RobotFiles, color_of
 from scenegate.robots.sdf import parse_sdf
 from scenegate.robots.urdf import parse_urdf
 from scenegate.robots.xacro_args import XacroArgs, as_texts, expand_args, warn_of_unused

@@ -14,19 +14,25 @@ from numpy.typing import NDArray
 
 from scenegate.name_hint import name_hint
 from scenegate.regular_files import reason_of
-from scenegate.robots.link_kinematics import LinkKinematics
-from scenegate.robots.link_model import Link, LinkJoint, LinkModel
+from scenegate.robots.link_model import Link, LinkJoint, LinkKinematics, LinkModel
 from scenegate.robots.robot import NEUTRAL, GeometryUse, Joint, JointKind
-from scenegate.robots.robot_errors import RobotFileError, no_links
+from scenegate.robots.robot_errors import RobotFileError, RobotFileLimits, check_count, no_links
 from scenegate.robots.robot_files import RobotFiles
-from scenegate.robots.robot_limits import RobotFileLimits, check_count
 from scenegate.robots.sdf_frames import WORLD, Frame, Frames, read_pose
 from scenegate.robots.sdf_geometry import read_geometries
 from scenegate.robots.sdf_includes import in_folder, prefixed, read_included
 from scenegate.robots.sdf_joints import limits_of, thread_pitch
-from scenegate.robots.shared_elements import joint_kind, read_mimic, unit_axis
 from scenegate.robots.urdf import parse_urdf
-from scenegate.robots.xml_text import Element, attribute, children_as_attributes, numbers, pose_of_rpy
+from scenegate.robots.xml_text import (
+    Element,
+    attribute,
+    children_as_attributes,
+    joint_kind,
+    numbers,
+    pose_of_rpy,
+    read_mimic,
+    unit_axis,
+)
 
 _KINDS: Final[dict[str, JointKind | None]] = {
     "revolute": "revolute",

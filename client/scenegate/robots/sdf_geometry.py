@@ -8,12 +8,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scenegate.messages.geometry import Box
-from scenegate.robots.link_files import color_of
 from scenegate.robots.link_model import Cone, LinkGeometry, LinkMaterial, LinkShape, MeshReference
 from scenegate.robots.robot import GeometryUse
+from scenegate.robots.robot_files import color_of
 from scenegate.robots.sdf_frames import read_pose
-from scenegate.robots.shared_elements import read_color, read_shape, sizes
-from scenegate.robots.xml_text import Element, InvalidAttributeError, children_as_attributes, named_elements, numbers
+from scenegate.robots.xml_text import (
+    Element,
+    InvalidAttributeError,
+    children_as_attributes,
+    named_elements,
+    numbers,
+    read_color,
+    read_shape,
+    sizes,
+)
 from scenegate.transforms import IDENTITY
 
 _GAZEBO_COLORS: Final[dict[str, tuple[float, float, float]]] = {

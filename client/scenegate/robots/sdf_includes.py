@@ -5,9 +5,8 @@ from pathlib import Path
 from typing import Final
 
 from scenegate.robots.link_model import Link, LinkGeometry, LinkJoint, LinkModel, MeshReference
-from scenegate.robots.robot_errors import RobotFileError
+from scenegate.robots.robot_errors import RobotFileError, RobotFileLimits
 from scenegate.robots.robot_files import RobotFiles
-from scenegate.robots.robot_limits import RobotFileLimits
 from scenegate.robots.ros_packages import split_url
 from scenegate.robots.xacro_args import expand_args
 from scenegate.robots.xml_text import Element, parse_xml, uses_xacro

@@ -10,17 +10,20 @@ from typing import Final
 from scenegate.name_hint import name_hint
 from scenegate.robots.link_model import Link, LinkGeometry, LinkJoint, LinkMaterial, LinkModel
 from scenegate.robots.robot import NEUTRAL, GeometryUse, Joint, JointKind
-from scenegate.robots.robot_errors import RobotFileError, no_links
-from scenegate.robots.robot_limits import RobotFileLimits, check_count
+from scenegate.robots.robot_errors import RobotFileError, RobotFileLimits, check_count, no_links
 from scenegate.robots.sdf_frames import WORLD
-from scenegate.robots.shared_elements import joint_kind, read_color, read_mimic, read_shape, unit_axis
 from scenegate.robots.xml_text import (
     Element,
     InvalidAttributeError,
     attribute,
+    joint_kind,
     named_elements,
     numbers,
     pose_of_origin,
+    read_color,
+    read_mimic,
+    read_shape,
+    unit_axis,
 )
 
 _JOINT_TAGS: Final = ("joint", "drake:joint")

@@ -13,11 +13,9 @@ from typing import Any, Concatenate, Final, Generic, ParamSpec, TypeVar
 from scenegate.messages.arguments import describe
 from scenegate.messages.changes import Key, Path, path_of
 from scenegate.tree.callbacks import Callback
-from scenegate.tree.control_panel import ControlHandle, V
+from scenegate.tree.control_panel import ControlHandle, JointSliders, V
 from scenegate.tree.controls import ButtonHandle, ControlFolder, MaybePose, PlotHandle
-from scenegate.tree.joint_sliders import JointSliders
-from scenegate.tree.node_handles import Batch, NodeHandle
-from scenegate.tree.published_robot import PublishedRobot
+from scenegate.tree.node_handles import Batch, NodeHandle, PublishedRobot
 from scenegate.tree.viewer import TreeViewer
 
 Blocking = TypeVar("Blocking")

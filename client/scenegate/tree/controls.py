@@ -17,9 +17,8 @@ from scenegate.messages.colors import rgba
 from scenegate.transforms import from_pose
 from scenegate.tree.answer import Answer
 from scenegate.tree.callbacks import check_callback
-from scenegate.tree.control_panel import ControlHandle, ControlPanel, plain
-from scenegate.tree.joint_sliders import JointSliders
-from scenegate.tree.published_robot import PublishedRobot
+from scenegate.tree.control_panel import ControlHandle, ControlPanel, JointSliders, plain
+from scenegate.tree.node_handles import PublishedRobot
 
 MAX_CLICK_CALLS: Final = 100
 """Maximum number of calls of a button's callback for clicks that arrive together."""

@@ -28,9 +28,8 @@ from scenegate.tree.answer import UNSUPPORTED, Answer, TreeViewerError, answer_o
 from scenegate.tree.callbacks import Callback, CallbackThreads, ClickListener
 from scenegate.tree.control_panel import ControlPanel
 from scenegate.tree.controls import ControlFolder
-from scenegate.tree.node_handles import Batch, NodeHandle, transforms_of
+from scenegate.tree.node_handles import Batch, NodeHandle, PublishedRobot, read_robot_for, transforms_of
 from scenegate.tree.notebook import NotebookViews
-from scenegate.tree.published_robot import PublishedRobot, read_robot_for
 from scenegate.tree.requests import Requests
 from scenegate.warning_text import strict_refusal
 

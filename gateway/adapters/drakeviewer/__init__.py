@@ -4,7 +4,7 @@
   big. ``gateway.wiring`` creates it.
 - ``viewer``: the channels without I/O. ``read`` decodes a message, in any thread; ``apply`` then edits the live tree.
 - ``channels``: what a channel has, by its name.
-- ``messages``, ``wire``: Drake's LCM types as values, and their decoders. Definitions: ``lcmtypes/lcmt_*.lcm``.
+- ``wire``: Drake's LCM types as values, and their decoders. Definitions: ``lcmtypes/lcmt_*.lcm``.
 - ``robots``: links of rigid bodies. ``link_paths`` names them in the tree. ``shapes`` reads their geometries and
   deformable bodies, ``meshes`` the triangles in both.
 - ``contacts``, ``point_clouds``, ``frames``: the other messages. ``arrows`` makes arrows and axes.

@@ -7,7 +7,7 @@ from typing import Final
 from gateway.adapters.drakeviewer.arrows import triad
 from gateway.adapters.drakeviewer.config import Limits
 from gateway.adapters.drakeviewer.link_paths import link_paths
-from gateway.adapters.drakeviewer.messages import Draw, LinkNames
+from gateway.adapters.drakeviewer.wire import Draw, LinkNames
 from gateway.scene.tree.geometry import Part
 from gateway.scene.tree.nodes import Path, TreeEdit
 

@@ -5,7 +5,7 @@ from collections.abc import Iterable
 from typing import Final
 
 from gateway.adapters.drakeviewer.config import Limits
-from gateway.adapters.drakeviewer.messages import LinkKey, MessageError
+from gateway.adapters.drakeviewer.wire import LinkKey, MessageError
 from gateway.files.assets.mesh_files import quoted
 from gateway.scene.tree.nodes import Path
 

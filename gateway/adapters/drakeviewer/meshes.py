@@ -8,7 +8,7 @@ import pybase64
 from numpy.typing import NDArray
 
 from gateway.adapters.drakeviewer.config import Limits
-from gateway.adapters.drakeviewer.messages import MessageError
+from gateway.adapters.drakeviewer.wire import MessageError
 from gateway.files.assets.mesh_files import MeshFileError, MeshFiles, quoted
 from gateway.scene.draw.crease_normals import smooth_mesh
 from gateway.scene.tree.geometry import Part, Surface

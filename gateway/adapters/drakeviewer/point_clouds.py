@@ -6,7 +6,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from gateway.adapters.drakeviewer.messages import Cloud, CloudField, MessageError
+from gateway.adapters.drakeviewer.wire import Cloud, CloudField, MessageError
 from gateway.scene.tree.geometry import Part, PointCloud
 from gateway.scene.tree.materials import WHITE, material
 from scenegate.messages.field_kinds import MAX_DISTANCE

@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 
 from gateway.adapters.drakeviewer.config import Limits
 from gateway.adapters.drakeviewer.link_paths import link_paths
-from gateway.adapters.drakeviewer.messages import WORLD, Draw, Link, LinkKey, LinkNames
 from gateway.adapters.drakeviewer.shapes import read_geometries
+from gateway.adapters.drakeviewer.wire import WORLD, Draw, Link, LinkKey, LinkNames
 from gateway.files.assets.mesh_files import MeshFiles
 from gateway.scene.tree.geometry import Part
 from gateway.scene.tree.nodes import Node, Path, TreeEdit

@@ -12,8 +12,8 @@ import structlog
 
 from gateway.adapters.drakeviewer.channels import Channel, Kind, channel_of
 from gateway.adapters.drakeviewer.config import DrakeViewerConfig
-from gateway.adapters.drakeviewer.messages import MessageError
 from gateway.adapters.drakeviewer.viewer import DrakeViewer, ShowMessage
+from gateway.adapters.drakeviewer.wire import MessageError
 from gateway.files.assets.mesh_files import MeshFiles
 from gateway.runtime.logs.tracing import lcm_message_span
 from gateway.runtime.logs.warning_list import WarningList

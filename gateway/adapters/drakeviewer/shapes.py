@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from gateway.adapters.drakeviewer.config import Limits
 from gateway.adapters.drakeviewer.link_paths import split_name
 from gateway.adapters.drakeviewer.meshes import memory_mesh, surface_of
-from gateway.adapters.drakeviewer.messages import Geometry, GeometryType, Link, MessageError
+from gateway.adapters.drakeviewer.wire import Geometry, GeometryType, Link, MessageError
 from gateway.files.assets.mesh_files import MeshFileError, MeshFiles
 from gateway.files.assets.mesh_formats import PLAIN_MATERIAL
 from gateway.scene.tree.geometry import Part, Shape

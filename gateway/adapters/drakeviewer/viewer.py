@@ -19,10 +19,10 @@ from gateway.adapters.drakeviewer.config import DrakeViewerConfig
 from gateway.adapters.drakeviewer.contacts import read_contacts
 from gateway.adapters.drakeviewer.frames import FrameChannel
 from gateway.adapters.drakeviewer.link_paths import count_nodes
-from gateway.adapters.drakeviewer.messages import Draw, MessageError
 from gateway.adapters.drakeviewer.point_clouds import read_cloud
 from gateway.adapters.drakeviewer.robots import RobotChannels, ShownParts, read_robots, show_family
 from gateway.adapters.drakeviewer.shapes import read_deformables
+from gateway.adapters.drakeviewer.wire import Draw, MessageError
 from gateway.files.assets.mesh_files import MeshFiles
 from gateway.scene.tree.live import LiveTree
 from gateway.scene.tree.nodes import Path, TreeEdit

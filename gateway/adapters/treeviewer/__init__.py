@@ -4,10 +4,10 @@
 this order:
 
 - ``dispatch``: refuses a request, or passes it on. It reads and applies small requests on the event loop, others
-  with a worker thread. ``queues`` keeps the order of each client's requests.
+  with a worker thread. Queues keep the order of each client's requests.
 - ``protocol``: the protocol without I/O. ``wire`` decodes the message.
 - ``request_reader``: turns the data in the message, JSON or MessagePack, into a ``requests.Request``. The table in
-  ``commands`` says how each command is read, ``regular_commands`` has the types of frequent ones, which msgspec reads;
+  ``commands`` says how each command is read, and has types of frequent ones, which msgspec reads;
   ``fields``, ``geometry_reader`` and the files that it names read the values in commands.
 - ``number_arrays``, ``json_kernels``, ``msgpack_kernels``: long arrays in JSON and MessagePack.
 - ``apply``: executes the request on the live tree within the limits of ``quota``, and on the page.

@@ -16,11 +16,10 @@ import msgspec
 import numpy as np
 
 from gateway.adapters.treeviewer import fields, msgpack_kernels
-from gateway.adapters.treeviewer.commands import COMMANDS, read_commands
+from gateway.adapters.treeviewer.commands import COMMANDS, list_types, read_commands
 from gateway.adapters.treeviewer.config import Limits
 from gateway.adapters.treeviewer.context import ReadContext
 from gateway.adapters.treeviewer.number_arrays import EXTENSION, unpack
-from gateway.adapters.treeviewer.regular_commands import list_types
 from gateway.adapters.treeviewer.requests import REQUEST, Finding, Request, UnreadableRequestError
 from scenegate.messages.field_kinds import show
 

@@ -42,7 +42,7 @@ class FormatResponse(msgspec.Struct):
 class ClickMessage(msgspec.Struct):
     """A click in a page, sent on the client's response channel. Clients that do not know it see a response to nothing.
 
-    The fields of ``click`` are those of ``gateway.scene.page.clicks.Click``.
+    The fields of ``click`` are those of ``scenegate.messages.clicks.Click``.
     """
 
     click: Click

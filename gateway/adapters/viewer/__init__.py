@@ -7,15 +7,12 @@
 ``encoder``          updates: the differences between two revisions of the scene, encoded once for all browsers
 ``messages``         all messages to and from the page; the page's types are written from them
 ``geometry_messages``    parts, draws and materials as those of messages
-``frames``           the format of binary WebSocket messages: a JSON header and arrays
+``frames``           the format of binary WebSocket messages: a JSON header and arrays; those with controls
 ``resources``        ids of meshes, textures and point clouds, and encoded meshes
 
 ``image_routes``     JPEG and MJPEG of the scene, images of the stereo camera, images of render requests
 ``scene_images``     the live scene, rendered by the gateway
-``sensor_images``    the stereo camera's images
-``gateway_status``   the content of the status bar
-
-``colormaps``        depth, disparity and confidence as RGB images
+``sensor_images``    the stereo camera's images; depth, disparity and confidence as RGB images
 
 ``config``           limits and defaults
 ``sources``          types of the values that other interfaces provide

@@ -12,9 +12,8 @@ from enum import Enum, auto
 from functools import partial
 from typing import Final
 
-from gateway.adapters.viewer.control_frames import ControlFrames
 from gateway.adapters.viewer.encoder import EMPTY_SNAPSHOT, Encoder, Update
-from gateway.adapters.viewer.frames import encode
+from gateway.adapters.viewer.frames import ControlFrames, encode
 from gateway.adapters.viewer.messages import Forget, TimeCommand
 from gateway.adapters.viewer.playback import Playback
 from gateway.adapters.viewer.resources import Resources

@@ -10,9 +10,8 @@ import msgspec
 
 from gateway.adapters.viewer.browser import Browser, BrowserState
 from gateway.adapters.viewer.config import ViewerConfig
-from gateway.adapters.viewer.control_frames import ControlFrames
 from gateway.adapters.viewer.encoder import Encoder, encode_page, encode_stereo_rig
-from gateway.adapters.viewer.frames import encode
+from gateway.adapters.viewer.frames import ControlFrames, encode
 from gateway.adapters.viewer.light import encode_light
 from gateway.adapters.viewer.messages import ControlChange, Fact, Received, Status
 from gateway.adapters.viewer.resources import Resources

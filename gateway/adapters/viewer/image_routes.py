@@ -11,11 +11,10 @@ import numpy as np
 from fastapi import APIRouter, Path, Query, Request, Response
 from fastapi.responses import PlainTextResponse, StreamingResponse
 
-from gateway.adapters.viewer.colormaps import depth_to_rgb, gray_to_rgb, shrink_to_width
 from gateway.adapters.viewer.config import ViewerConfig
 from gateway.adapters.viewer.messages import IMAGE_NAMES, RenderEntry, StereoCapture
 from gateway.adapters.viewer.scene_images import BOUNDARY, ImageRequest, SceneImages, StreamsFull
-from gateway.adapters.viewer.sensor_images import SensorImages
+from gateway.adapters.viewer.sensor_images import SensorImages, depth_to_rgb, gray_to_rgb, shrink_to_width
 from gateway.runtime.http.disconnect import while_connected
 from gateway.runtime.http.openapi import error_responses, example, file_response
 from gateway.runtime.http.plain_error_route import PlainErrorRoute

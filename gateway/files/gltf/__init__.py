@@ -15,10 +15,10 @@ from gateway.files.gltf.document_cache import DocumentContent as DocumentContent
 from gateway.files.gltf.document_cache import GltfCache as GltfCache
 from gateway.files.gltf.document_cache import HashedDocument as HashedDocument
 from gateway.files.gltf.gltf_errors import GltfError as GltfError
+from gateway.files.gltf.gltf_errors import GltfLimits as GltfLimits
 from gateway.files.gltf.gltf_scene import GltfScene as GltfScene
 from gateway.files.gltf.gltf_scene import PlacedCamera as PlacedCamera
 from gateway.files.gltf.gltf_scene import Up as Up
-from gateway.files.gltf.limits import GltfLimits as GltfLimits
 from gateway.files.gltf.material_reader import DEFAULT_MATERIAL as DEFAULT_MATERIAL
 from gateway.files.gltf.material_reader import label_from_material as label_from_material
 from gateway.files.gltf.reader import read_gltf as read_gltf

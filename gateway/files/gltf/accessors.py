@@ -11,8 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gateway.files.gltf.buffers import Buffer, Buffers
-from gateway.files.gltf.gltf_errors import GltfError, as_warning, checked_item
-from gateway.files.gltf.limits import GltfLimits
+from gateway.files.gltf.gltf_errors import GltfError, GltfLimits, as_warning, checked_item
 from gateway.files.gltf.schema import Document, Sparse
 
 Array: TypeAlias = NDArray[Any]

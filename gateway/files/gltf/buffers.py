@@ -11,8 +11,7 @@ import pybase64
 
 from gateway.files.gltf import meshopt
 from gateway.files.gltf.container import Container
-from gateway.files.gltf.gltf_errors import GltfError, GltfLimitError, checked_item
-from gateway.files.gltf.limits import GltfLimits
+from gateway.files.gltf.gltf_errors import GltfError, GltfLimitError, GltfLimits, checked_item
 from gateway.files.gltf.parser import extension
 from gateway.files.gltf.schema import Document, GltfBuffer, GltfBufferView, MeshoptCompression
 from scenegate.regular_files import reason_of

@@ -20,7 +20,7 @@ from isal import isal_zlib
 
 from gateway.files.gltf import schema
 from gateway.files.gltf.container import Container
-from gateway.files.gltf.limits import GltfLimits
+from gateway.files.gltf.gltf_errors import GltfLimits
 from gateway.files.gltf.parser import count_values
 from gateway.scene.tree.geometry import Part
 from renderers.cache import SHARED, Cache, CacheBudget

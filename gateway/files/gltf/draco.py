@@ -12,8 +12,7 @@ from numpy.typing import NDArray
 from gateway.files.gltf import schema
 from gateway.files.gltf.accessors import Accessor
 from gateway.files.gltf.buffers import Buffer, Buffers
-from gateway.files.gltf.gltf_errors import GltfError, as_warning
-from gateway.files.gltf.limits import GltfLimits
+from gateway.files.gltf.gltf_errors import GltfError, GltfLimits, as_warning
 from gateway.files.gltf.parser import extension
 from gateway.files.parsers.mesh_data import DecodedMesh
 from gateway.runtime.workers.limited_process import ProcessFailed, ProcessLimits, call_limited

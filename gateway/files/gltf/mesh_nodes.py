@@ -8,8 +8,7 @@ from numpy.typing import NDArray
 from gateway.files.gltf import schema
 from gateway.files.gltf.accessors import Accessors
 from gateway.files.gltf.deformation import MeshPose
-from gateway.files.gltf.gltf_errors import GltfError, GltfLimitError, as_warning, checked_item
-from gateway.files.gltf.limits import GltfLimits
+from gateway.files.gltf.gltf_errors import GltfError, GltfLimitError, GltfLimits, as_warning, checked_item
 from gateway.files.gltf.nodes import INSTANCING, SceneNodes
 from gateway.files.gltf.parser import extension
 from gateway.files.gltf.vertex_attributes import rgba_colors

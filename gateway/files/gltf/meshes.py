@@ -13,8 +13,7 @@ from gateway.files.gltf.deformation import REST, SKIN_ATTRIBUTES, Deformation, M
 from gateway.files.gltf.document_cache import ContentKey, MeshKey
 from gateway.files.gltf.draco import EXTENSION as DRACO
 from gateway.files.gltf.draco import DracoMeshes
-from gateway.files.gltf.gltf_errors import GltfError, GltfLimitError, as_warning
-from gateway.files.gltf.limits import GltfLimits
+from gateway.files.gltf.gltf_errors import GltfError, GltfLimitError, GltfLimits, as_warning
 from gateway.files.gltf.parser import extension
 from gateway.files.gltf.schema import DracoCompression, GltfPrimitive
 from gateway.files.gltf.topology import MODE_COUNT, TRIANGLES, element_count, restart_index, separate_elements

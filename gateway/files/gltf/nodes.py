@@ -10,8 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gateway.files.gltf import schema
-from gateway.files.gltf.gltf_errors import GltfError, GltfLimitError, as_warning, checked_item
-from gateway.files.gltf.limits import GltfLimits
+from gateway.files.gltf.gltf_errors import GltfError, GltfLimitError, GltfLimits, as_warning, checked_item
 from gateway.files.gltf.parser import extension, vector_or_default
 from gateway.scene.tree.geometry import Part
 from gateway.scene.tree.transforms import IDENTITY, affine_product, from_poses

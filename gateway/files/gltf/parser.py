@@ -11,8 +11,7 @@ import msgspec
 from msgspec import inspect
 
 from gateway.files.gltf import schema
-from gateway.files.gltf.gltf_errors import GltfError, GltfLimitError, as_warning
-from gateway.files.gltf.limits import GltfLimits
+from gateway.files.gltf.gltf_errors import GltfError, GltfLimitError, GltfLimits, as_warning
 from gateway.files.gltf.schema import Document, Extensions, Object
 from renderers.stop import check_stop
 from scenegate.warning_text import ONLY_GLOSS

@@ -7,8 +7,7 @@ from typing import Final
 from gateway.files.gltf import schema
 from gateway.files.gltf.buffers import Buffers
 from gateway.files.gltf.document_cache import ContentKey
-from gateway.files.gltf.gltf_errors import GltfError, GltfLimitError, as_warning, checked_item
-from gateway.files.gltf.limits import GltfLimits
+from gateway.files.gltf.gltf_errors import GltfError, GltfLimitError, GltfLimits, as_warning, checked_item
 from gateway.files.gltf.parser import extension, vector_or_default
 from renderers.cache import Cache
 from renderers.drawlist import Image, Mesh, Sampler, Texture, Wrap, name_image_errors

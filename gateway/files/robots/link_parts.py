@@ -24,9 +24,8 @@ from gateway.scene.tree.transforms import scaling, translation
 from renderers import primitives
 from renderers.drawlist import Image, ImageError, Material, Texture
 from renderers.images import image_from_bytes
-from scenegate.robots.link_files import LinkFiles, color_of
 from scenegate.robots.link_model import Cone, Link, LinkGeometry, LinkMaterial, MeshReference
-from scenegate.robots.robot_files import RobotFiles
+from scenegate.robots.robot_files import LinkFiles, RobotFiles, color_of
 
 
 class LinkParts:

@@ -16,9 +16,8 @@ from gateway.files.robots.robot import Robot, RobotLimits
 from gateway.runtime.workers.limited_process import ProcessFailed, ProcessLimits, call_limited
 from scenegate.name_hint import name_hint
 from scenegate.robots.robot import GeometryUse, Joint, JointKind, Mimic
-from scenegate.robots.robot_errors import RobotFileError
+from scenegate.robots.robot_errors import RobotFileError, check_count
 from scenegate.robots.robot_files import RobotFiles
-from scenegate.robots.robot_limits import check_count
 from scenegate.robots.xml_text import Element, parse_xml
 
 _OUT_OF_MEMORY: Final = ("Could not allocate memory", "Caught an unknown exception!")

@@ -13,7 +13,7 @@ from gateway.scene.tree.transforms import from_pose
 from renderers.drawlist import Mesh
 from scenegate.messages.geometry import Box, Capsule, Cylinder, Ellipsoid, Sphere
 from scenegate.robots.robot import GeometryUse
-from scenegate.robots.robot_limits import check_count
+from scenegate.robots.robot_errors import check_count
 
 COLLISION_GROUP: Final = 3
 """First group of collision geometry, by convention: MuJoCo's viewer hides this group and higher ones."""

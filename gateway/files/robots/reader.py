@@ -3,20 +3,23 @@
 import contextlib
 import importlib.util
 import os
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Final
+from typing import Final, Literal, TypeAlias
 
 import msgspec
+import numpy as np
 
-from gateway.files.robots.gltf_up import RobotGltfUp, nearest_up_axis
 from gateway.files.robots.link_parts import LinkParts
 from gateway.files.robots.robot import Robot, RobotLimits
 from gateway.runtime.workers.limited_process import ProcessFailed, ProcessLimits, call_limited
+from gateway.scene.draw.bounds import Bounds, instance_bounds, union
+from gateway.scene.draw.flatten import flatten
+from gateway.scene.tree.geometry import Part
+from gateway.scene.tree.nodes import Node
 from renderers.stop import check_stop
-from scenegate.robots.link_kinematics import LinkKinematics
-from scenegate.robots.link_model import Link, MeshReference
+from scenegate.robots.link_model import Link, LinkKinematics, MeshReference
 from scenegate.robots.robot import GeometryUse
 from scenegate.robots.robot_errors import RobotFileError
 from scenegate.robots.robot_files import RobotFiles
@@ -25,6 +28,11 @@ from scenegate.robots.xacro_args import XacroArgs, as_texts, expand_args, missin
 from scenegate.robots.xml_text import parse_xml, uses_xacro
 from scenegate.warning_text import strict_refusal, warnings_and_notes
 
+RobotGltfUp: TypeAlias = Literal["y", "z", "auto"]
+"""Up axis of a robot's glTF meshes: ``y`` by the specification, as in Drake and RViz 2; ``auto``: by the collision
+geometry, see ``nearest_up_axis``."""
+_PartsOfLinks: TypeAlias = Sequence[tuple[Part, ...]]
+"""Parts of each link, in the link's frame."""
 MAX_LINKS_FOR_NOTE: Final = 8
 """Maximum number of links whose collision geometry is read for the note about Y up: all of a robot's take 10 times as
 long as its glTF meshes."""
@@ -174,3 +182,22 @@ def expand_xacro(files: RobotFiles, limits: RobotLimits) -> bytes:
     if "<robot" in document and "<link" not in document:
         raise RobotFileError("it has no links, perhaps only macros: name the file that uses them")
     return document.encode()
+
+
+def nearest_up_axis(y_up: _PartsOfLinks, z_up: _PartsOfLinks, collision: _PartsOfLinks) -> Literal["y", "z"]:
+    """Return the up axis for which the visual geometry's bounds are nearer to those of the collision geometry.
+
+    Boxes are compared by the sum of the absolute differences of their corners. A link without one is skipped.
+    """
+    differences = {"y": 0.0, "z": 0.0}
+    for y_parts, z_parts, collision_parts in zip(y_up, z_up, collision, strict=True):
+        expected = _bounds(collision_parts)
+        y_box, z_box = _bounds(y_parts), _bounds(z_parts)
+        if expected is not None and y_box is not None and z_box is not None:
+            differences["y"] += float(np.abs(y_box - expected).sum())
+            differences["z"] += float(np.abs(z_box - expected).sum())
+    return "z" if differences["z"] < differences["y"] else "y"
+
+
+def _bounds(parts: tuple[Part, ...]) -> Bounds | None:
+    return union([box for box in instance_bounds(flatten(Node(parts)).instances) if box is not None])

@@ -8,7 +8,7 @@ from gateway.files.gltf import GltfLimits
 from gateway.scene.tree.geometry import Part
 from gateway.scene.tree.nodes import Node, PathElement
 from scenegate.robots import robot
-from scenegate.robots.robot_limits import RobotFileLimits
+from scenegate.robots.robot_errors import RobotFileLimits
 
 
 @dataclass(frozen=True, slots=True)

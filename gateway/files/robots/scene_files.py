@@ -7,15 +7,13 @@ from typing import Final
 from gateway.files.assets.mesh_formats import FORMATS, MESH_LIMITS, MeshFormatError, parse_mesh
 from gateway.files.assets.scene_file import SceneFile, SceneFileError, read_scene_file, scaled
 from gateway.files.gltf import AnimationTime, GltfError, Up
-from gateway.files.robots.gltf_up import RobotGltfUp
-from gateway.files.robots.reader import read_robot
+from gateway.files.robots.reader import RobotGltfUp, read_robot
 from gateway.scene.tree.nodes import Node
 from gateway.scene.tree.transforms import IDENTITY, Y_UP_TO_Z_UP
 from scenegate.regular_files import MAX_BYTES, errors_as, is_pipe
 from scenegate.robots.joint_text import parse_joints
-from scenegate.robots.robot_errors import RobotFileError
+from scenegate.robots.robot_errors import RobotFileError, RobotFileLimits
 from scenegate.robots.robot_files import RobotFiles
-from scenegate.robots.robot_limits import RobotFileLimits
 from scenegate.robots.robot_reader import SUFFIXES as ROBOT_SUFFIXES
 from scenegate.robots.xacro_args import parse_xacro_args
 from scenegate.warning_text import NOTHING_OF_ROBOT, strict_refusal

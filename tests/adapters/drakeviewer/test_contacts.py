@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from gateway.adapters.drakeviewer.config import DrakeViewerConfig
 from gateway.adapters.drakeviewer.contacts import MAX_LENGTH, flame_colors
-from gateway.adapters.drakeviewer.messages import MessageError
+from gateway.adapters.drakeviewer.wire import MessageError
 from gateway.scene.draw.bounds import instance_bounds
 from gateway.scene.draw.flatten import flatten
 from gateway.scene.tree.geometry import Part, Surface

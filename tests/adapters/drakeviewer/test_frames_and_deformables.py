@@ -5,7 +5,7 @@ import pytest
 
 from gateway.adapters.drakeviewer.channels import channel_of
 from gateway.adapters.drakeviewer.config import DrakeViewerConfig
-from gateway.adapters.drakeviewer.messages import MessageError
+from gateway.adapters.drakeviewer.wire import MessageError
 from gateway.scene.draw.bounds import instance_bounds
 from gateway.scene.draw.flatten import flatten
 from gateway.scene.tree.geometry import Surface

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from gateway.adapters.drakeviewer.messages import MessageError
+from gateway.adapters.drakeviewer.wire import MessageError
 from gateway.scene.tree.geometry import PointCloud
 from tests.adapters.drakeviewer.conftest import Viewer
 from tests.adapters.drakeviewer.encoding import cloud

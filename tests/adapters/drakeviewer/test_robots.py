@@ -11,7 +11,7 @@ import pytest
 
 from gateway.adapters.drakeviewer.channels import Channel, Kind
 from gateway.adapters.drakeviewer.config import DrakeViewerConfig, Limits
-from gateway.adapters.drakeviewer.messages import MessageError
+from gateway.adapters.drakeviewer.wire import MessageError
 from gateway.files.assets.mesh_files import MeshFiles
 from gateway.scene.draw.flatten import flatten
 from gateway.scene.tree.geometry import Surface

@@ -12,7 +12,7 @@ import pytest
 
 from gateway.adapters.drakeviewer import wire
 from gateway.adapters.drakeviewer.config import Limits
-from gateway.adapters.drakeviewer.messages import MessageError
+from gateway.adapters.drakeviewer.wire import MessageError
 from tests.adapters.drakeviewer import encoding
 from tests.support.lcm_gen import generate
 from tests.support.waiting import SECONDS

@@ -9,8 +9,7 @@ from gateway.adapters.treeviewer.apply import PageClient
 from gateway.adapters.treeviewer.config import Limits
 from gateway.adapters.treeviewer.responses import ClickMessage, PageMessage
 from gateway.scene.draw.cameras import LookAtCamera
-from gateway.scene.page.clicks import ClickLimits, ClickSubscriptions
-from gateway.scene.page.live_page import PageView
+from gateway.scene.page.live_page import ClickLimits, ClickSubscriptions, PageView
 from gateway.scene.tree.nodes import Path
 from scenegate.messages import wire
 from scenegate.messages.clicks import Click

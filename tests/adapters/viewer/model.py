@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gateway.adapters.viewer.browser import Browser
-from gateway.adapters.viewer.control_frames import ControlFrames
 from gateway.adapters.viewer.encoder import Encoder
+from gateway.adapters.viewer.frames import ControlFrames
 from gateway.adapters.viewer.hub import ViewHub
 from gateway.adapters.viewer.resources import Resources
 from gateway.scene.page.control_store import ControlStore

@@ -18,8 +18,7 @@ from gateway.adapters.viewer.messages import Fact, PlacedRig, Status
 from gateway.adapters.viewer.sources import StereoImages
 from gateway.runtime.logs.render_record import RenderRecord
 from gateway.scene.draw.cameras import LookAtCamera
-from gateway.scene.page.clicks import ClickSubscriptions
-from gateway.scene.page.live_page import LivePage
+from gateway.scene.page.live_page import ClickSubscriptions, LivePage
 from gateway.scene.tree.geometry import Part, Surface
 from gateway.scene.tree.live import LiveTree, Snapshot
 from renderers.drawlist import Material, Mesh

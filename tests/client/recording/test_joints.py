@@ -11,8 +11,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from gateway.adapters.viewer.control_frames import ControlFrames
 from gateway.adapters.viewer.encoder import SnapshotFrames
+from gateway.adapters.viewer.frames import ControlFrames
 from gateway.scene.page.control_store import ControlStore
 from gateway.scene.tree.live import LiveTree
 from scenegate.gateway_http import GatewayError

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from gateway.datasets.derived_images import flow_between, instance_motions
+from gateway.datasets.rendering import flow_between, instance_motions
 from gateway.datasets.scenario.tables import ScenarioError
 from gateway.datasets.scenario.tracks import read_track
 from gateway.datasets.scene_sources import find_sources

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from gateway.datasets.derived_images import BASE_COLOR_LOOK, unlit
+from gateway.datasets.rendering import BASE_COLOR_LOOK, unlit
 from gateway.files.robots.scene_files import SCENE_SUFFIXES, SceneOptions, read_scene
 from gateway.scene.draw.cameras import parse_camera
 from gateway.scene.draw.flatten import flatten

@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 import pytest
 
-from gateway.files.gltf.limits import GltfLimits
+from gateway.files.gltf.gltf_errors import GltfLimits
 from gateway.files.robots.reader import read_robot
 from gateway.files.robots.robot import Robot, RobotLimits
 from renderers.color import linear_from_srgb

@@ -16,8 +16,7 @@ from gateway.runtime.lcm import tcpq_hub
 from gateway.runtime.lcm.config import LcmConfig
 from scenegate.lcm import network, udpm_socket
 from scenegate.lcm.liblcm_transport import MAX_READ_MESSAGES, LiblcmTransport
-from scenegate.lcm.receive_queue import MAX_HANDLED, OVERHEAD_BYTES, ReceiveQueue
-from scenegate.lcm.transport import LcmMessage
+from scenegate.lcm.transport import MAX_HANDLED, OVERHEAD_BYTES, LcmMessage, ReceiveQueue
 from tests.support.waiting import SECONDS, until, wait_until
 
 

@@ -1,6 +1,6 @@
 """Subscriptions to clicks: paths, limits and leases."""
 
-from gateway.scene.page.clicks import ClickLimits, ClickSubscriptions
+from gateway.scene.page.live_page import ClickLimits, ClickSubscriptions
 from gateway.scene.tree.nodes import Path
 from scenegate.messages.clicks import Click
 

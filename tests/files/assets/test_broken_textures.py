@@ -4,7 +4,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from gateway.scene.draw.broken_textures import without_broken_textures
+from gateway.files.assets.mesh_formats import without_broken_textures
 from gateway.scene.tree import transforms as tf
 from gateway.scene.tree.geometry import Part
 from renderers.drawlist import Image, ImageError, Material, Texture
