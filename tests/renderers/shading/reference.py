@@ -1,10 +1,8 @@
 """Reference for whole images: NumPy in float64, written from the specifications and not from the kernels.
 
-``BruteForce`` computes visibility by intersecting every ray with every primitive; ``reference_color`` blends all
-surfaces of each pixel.
+``reference_color`` intersects every ray with every triangle, and blends all surfaces of each pixel.
 """
 
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -13,8 +11,9 @@ from numpy.typing import NDArray
 from renderers.camera import Camera
 from renderers.drawlist import AlphaMode, DrawList, Image, Instance, Material, Mesh, Sampler
 from renderers.interface import VTK_LOOKS, Look
+from renderers.raster import CpuRenderer
 from renderers.shading import paint, prepare
-from renderers.visibility_buffer import SampledShader, SampledView, Visibility
+from renderers.visibility_buffer import Rasterizer
 from tests.renderers.shading.pixel_reference import surface_colors
 
 Array = NDArray[np.float64]
@@ -55,94 +54,14 @@ def hits(direction: Array, corners: Array) -> tuple[Array, Array]:
     return np.where(inside, z, np.nan), weights
 
 
-class BruteForce:
-    """Rasterizer that tests every primitive at every pixel; lines and points are one pixel wide."""
-
-    def __init__(self, order: Callable[[int], list[int]] = lambda units: list(range(units))) -> None:
-        self.order = order
-
-    def visibility(
-        self,
-        scene: DrawList,
-        camera: Camera,
-        *,
-        select: NDArray[np.bool_] | None = None,
-        cull_back: NDArray[np.bool_] | None = None,
-        behind: Visibility | None = None,
-        in_front_of: Visibility | None = None,
-        id_limits: NDArray[np.int32] | None = None,
-        latest: bool = False,
-    ) -> Visibility:
-        direction = rays(camera)
-        count = len(direction)
-        best = np.zeros(count, np.float32)
-        ids = np.full(count, -1, np.int32)
-        first = np.cumsum([0] + [len(i.mesh.elements) for i in scene.instances]).astype(np.int64)
-        X = np.array([camera.X_camera_world @ i.X_world_mesh for i in scene.instances]).reshape(-1, 4, 4)
-        for i, instance in enumerate(scene.instances):
-            if select is not None and not select[i]:
-                continue
-            points = instance.mesh.positions.astype(np.float64) @ X[i, :3, :3].T + X[i, :3, 3]
-            mirrored = np.linalg.det(X[i, :3, :3]) < 0
-            is_surface = instance.mesh.elements.shape[1] == 3
-            distances = hits(direction, points[instance.mesh.elements])[0] if is_surface else None
-            for e, element in enumerate(instance.mesh.elements):
-                primitive_id = first[i] + e
-                corners = points[element]
-                if distances is not None:
-                    if cull_back is not None and cull_back[i] and (np.linalg.det(corners) > 0) != mirrored:
-                        continue
-                    z = distances[e]
-                else:
-                    z = line_depths(direction, corners, camera)
-                inv = np.nan_to_num(1.0 / z, nan=0.0).astype(np.float32)
-                is_candidate = (inv > 1 / camera.far) & (inv < 1 / camera.near)
-                if behind is not None:
-                    b, at = behind.ids.reshape(-1), behind.inv_z.reshape(-1)
-                    is_candidate &= (b >= 0) & ((inv < at) | ((inv == at) & (primitive_id < b)))
-                if in_front_of is not None:
-                    b, at = in_front_of.ids.reshape(-1), in_front_of.inv_z.reshape(-1)
-                    is_candidate &= (b < 0) | (inv >= at)
-                if id_limits is not None:
-                    is_candidate &= primitive_id < id_limits.reshape(-1)
-                nearer = is_candidate & ((ids < 0) | (inv >= best) | latest)
-                best[nearer], ids[nearer] = inv[nearer], primitive_id
-        shape = (camera.height, camera.width)
-        return Visibility(ids.reshape(shape), best.reshape(shape), first, X)
-
-    def shade_samples(
-        self,
-        scene: DrawList,
-        camera: Camera,
-        samples: int,
-        make_shader: Callable[[SampledView], SampledShader],
-        *,
-        select: NDArray[np.bool_] | None = None,
-        cull_back: NDArray[np.bool_] | None = None,
-    ) -> None:
-        raise NotImplementedError("one sample per pixel only")
-
-    def parallel(self, units: int, work: Callable[[int], object]) -> None:
-        for unit in self.order(units):
-            work(unit)
+RENDERER = CpuRenderer(threads=1)
 
 
-def line_depths(direction: Array, ends: Array, view: Camera) -> Array:
-    """Return z of a point or line where it passes within 0.6 pixels of the ray, else NaN; found by sampling."""
-    t = np.linspace(0.0, 1.0, 513)[:, None]
-    along = ends[0] + t * (ends[-1] - ends[0])
-    projected = along[:, :2] / along[:, 2:]
-    away = (direction[:, None, :2] - projected[None]) * (view.fx, view.fy)
-    distance = np.hypot(away[..., 0], away[..., 1])
-    nearest = distance.argmin(axis=1)
-    return np.where(distance.min(axis=1) < 0.6, along[nearest, 2], np.nan)
-
-
-def painted(scene: DrawList, view: Camera, look: Look, rasterizer: BruteForce | None = None) -> Array:
+def painted(scene: DrawList, view: Camera, look: Look, rasterizer: Rasterizer = RENDERER) -> Array:
     """Return the image that ``renderers.shading`` paints: (H, W, 3) int64."""
     color = np.full((view.height, view.width, 3), 77, np.uint8)
     prepared = prepare(scene.instances, look.name)
-    paint(rasterizer or BruteForce(), scene, prepared, view, look, color)
+    paint(rasterizer, scene, prepared, view, look, color)
     return color.astype(np.int64)
 
 
@@ -231,6 +150,20 @@ def reference_color(scene: DrawList, view: Camera, look: Look) -> Array:
     blended = drawn_as_by_vtk if look.name in VTK_LOOKS else blended_by_distance
     result = np.array([blended(surfaces, background) for surfaces in layers]) * 255.0
     return result.reshape(view.height, view.width, 3)
+
+
+def assert_as_reference(scene: DrawList, look: Look, view: Camera | None = None, *, exceptions: int = 0) -> None:
+    """Compare every channel with the reference, within one level, half of which is rounding.
+
+    Args:
+        exceptions: number of pixels that may differ: where coverage, which is exact in 1/256 pixel, or a texel is
+            another one.
+    """
+    view = view or camera()
+    ours, expected = painted(scene, view, look), reference_color(scene, view, look)
+    wrong = (np.abs(ours - expected) > 1.0).any(axis=-1)
+    assert wrong.sum() <= exceptions, (wrong.sum(), ours[wrong][:3], expected[wrong][:3])
+    assert (expected != np.array(look.background)).any(), "nothing was drawn"
 
 
 def quad(size: float = 1.0, z: float = 2.0, **arrays: NDArray[np.float32]) -> Mesh:

@@ -6,22 +6,21 @@ from typing import Any
 import numpy as np
 import pytest
 
-from renderers.camera import Camera
 from renderers.drawlist import DrawList, Image, Material, Sampler, Texture
 from renderers.interface import Look, LookName
 from renderers.shading import paint, prepare
 from renderers.shading.materials import COLORS_DECODE, COLORS_REPLACE, vertex_color_rule
 from tests.renderers.shading.reference import (
+    RENDERER,
     UNFILTERED,
     Array,
-    BruteForce,
+    assert_as_reference,
     ball,
     camera,
     image_of,
     painted,
     placed,
     quad,
-    reference_color,
 )
 
 RNG = np.random.default_rng(7)
@@ -35,20 +34,6 @@ def noise(size: int = 8, lowest: int = 0) -> Texture:
     pixels = RNG.integers(lowest, 256, (size, size + 3, 4)).astype(np.uint8)
     pixels[..., 3] = 255
     return Texture(image_of(pixels), UNFILTERED)
-
-
-def assert_same(scene: DrawList, look: Look, view: Camera | None = None, *, max_wrong: float = 0.0) -> Array:
-    """Compare every channel with the reference, within one level, half of which is rounding.
-
-    Args:
-        max_wrong: share of pixels that may differ: at edges, float32 depth may pick the other triangle.
-    """
-    view = view or camera()
-    ours, expected = painted(scene, view, look), reference_color(scene, view, look)
-    wrong = (np.abs(ours - expected) > 1.0).any(axis=-1)
-    assert wrong.mean() <= max_wrong, (wrong.sum(), ours[wrong][:3], expected[wrong][:3])
-    assert (expected != np.array(look.background)).any(), "nothing was drawn"
-    return expected
 
 
 FULL = Material(
@@ -85,13 +70,13 @@ MATERIALS = {
 def test_ball_matches_the_reference(look: LookName, name: str) -> None:
     mesh = ball()
     mesh = replace(mesh, uv1=np.ascontiguousarray(mesh.uv0[:, ::-1]))
-    assert_same(DrawList((placed(mesh, MATERIALS[name], z=3.0, linear=ROTATED),)), Look(look))
+    assert_as_reference(DrawList((placed(mesh, MATERIALS[name], z=3.0, linear=ROTATED),)), Look(look))
 
 
 @pytest.mark.parametrize("linear", [ROTATED, SQUASHED, MIRRORED], ids=["rotated", "squashed", "mirrored"])
 @pytest.mark.parametrize("look", ["phong", "pbr", "gltf"])
 def test_affine_transforms_of_normals_and_tangents(look: LookName, linear: Array) -> None:
-    assert_same(DrawList((placed(ball(), FULL, z=3.0, linear=linear),)), Look(look))
+    assert_as_reference(DrawList((placed(ball(), FULL, z=3.0, linear=linear),)), Look(look))
 
 
 @pytest.mark.parametrize("look", ["phong", "pbr"])
@@ -121,7 +106,7 @@ def test_triangles_clipped_by_the_near_plane() -> None:
     ground = np.array(((-5, 0.5, -4), (-5, 0.5, 30), (5, 0.5, 30), (5, 0.5, -4)), np.float32)
     mesh = replace(quad(), positions=ground, normals=np.tile(np.array((0, -0.8, -0.6), np.float32), (4, 1)))
     material = Material(base_color_texture=noise(), metallic=0.0, double_sided=True)
-    assert_same(DrawList((placed(mesh, material),)), Look("phong"))
+    assert_as_reference(DrawList((placed(mesh, material),)), Look("phong"))
 
 
 def test_phong_is_exact_on_a_plane() -> None:
@@ -154,7 +139,7 @@ def test_rejects_a_scene_prepared_for_another_look() -> None:
     color = np.zeros((view.height, view.width, 3), np.uint8)
     prepared = prepare(scene.instances, "pbr")
     with pytest.raises(ValueError, match="prepared for the look 'pbr'"):
-        paint(BruteForce(), scene, prepared, view, Look("phong"), color)
+        paint(RENDERER, scene, prepared, view, Look("phong"), color)
 
 
 @pytest.mark.parametrize("name", ["normals", "uv0", "uv1", "colors", "tangents"])

@@ -12,9 +12,7 @@ from renderers.raster import CpuRenderer
 from renderers.shading import paint, prepare
 from renderers.shading.mesh_buffers import buffers_of
 from tests.renderers.shading.pixel_reference import shaded
-from tests.renderers.shading.reference import ball, image_of, placed, quad
-
-RENDERER = CpuRenderer(threads=1)
+from tests.renderers.shading.reference import RENDERER, ball, image_of, placed, quad
 
 
 def test_colours_of_a_mesh_are_read_where_they_are() -> None:
