@@ -1,8 +1,6 @@
 """All interfaces of one process on one live scene, each used through its clients' own library."""
 
-import json
 import socket
-import struct
 from collections.abc import Iterator
 from typing import Any
 
@@ -11,14 +9,11 @@ import grpc
 import numpy as np
 import pytest
 
+from scenegate import Box, TreeViewer
 from scenegate.camera import image_interface_pb2 as pb
 from tests.support import clients
 from tests.support.gateway_process import GatewayProcess, gateway_process
-from tests.support.liblcm import liblcm
-from tests.support.waiting import MILLISECONDS, SECONDS
-
-FINGERPRINT = 0xD368E03F33C568BE
-"""Fingerprint of robotlocomotion.viewer2_comms_t, as lcm-gen computes it."""
+from tests.support.waiting import SECONDS
 
 
 class Running:
@@ -44,38 +39,10 @@ def running() -> Iterator[Running]:
         assert not [entry for entry in process.rest_of_log() if entry["level"] in ("error", "critical", "raw")]
 
 
-def viewer2_comms(request: dict[str, Any]) -> bytes:
-    data = json.dumps(request).encode()
-    name = b"treeviewer_json\0"
-    head = struct.pack(">QqI", FINGERPRINT, request["utime"], len(name))
-    return head + name + struct.pack(">iii", 1, 0, len(data)) + data
-
-
-def publish_box(running: Running) -> dict[str, Any]:
-    """Publish a box of 0.5 m at the origin with LCM's own library; return the response."""
-    lcm = liblcm()
-    bus = lcm.LCM(running.interface("treeviewer")["tcpq"]["url"])
-    responses: list[dict[str, Any]] = []
-
-    def on_response(_: str, message: bytes) -> None:
-        response = json.loads(message[message.index(b"\0", 20) + 13 :])
-        if response.get("timestamp") == request["timestamp"]:
-            responses.append(response)
-
-    bus.subscribe("DIRECTOR_TREE_VIEWER_RESPONSE_<e2e>", on_response)
-    box = {"type": "box", "lengths": [0.5, 0.5, 0.5], "color": [1.0, 0.0, 0.0, 1.0]}
-    pose = {"translation": [0, 0, 0], "quaternion": [1, 0, 0, 0]}
-    request: dict[str, Any] = {
-        "utime": 1,
-        "timestamp": 1,
-        "delete": [],
-        "setgeometry": [{"path": ["crate"], "geometry": box}],
-        "settransform": [{"path": ["crate"], "transform": pose}],
-    }
-    bus.publish("DIRECTOR_TREE_VIEWER_REQUEST_<e2e>", viewer2_comms(request))
-    while not responses:
-        assert bus.handle_timeout(MILLISECONDS), "no response"
-    return responses[0]
+def publish_box(running: Running) -> None:
+    """Publish a box of 0.5 m at the origin."""
+    with TreeViewer(running.interface("treeviewer")["tcpq"]["url"], timeout=SECONDS) as viewer:
+        viewer["crate"].set(Box((0.5, 0.5, 0.5), color="red"))
 
 
 def test_everything_is_ready(running: Running) -> None:
@@ -87,8 +54,7 @@ def test_everything_is_ready(running: Running) -> None:
 
 
 def test_renders_a_published_box(running: Running) -> None:
-    response = publish_box(running)
-    assert response["status"] == 0, response
+    publish_box(running)
     listed = running.http.get("/scene").json()
     (crate,) = [node for node in listed["nodes"] if node["path"] == ["crate"]]
     query: dict[str, Any] = {"camera": "eye=2,0,0;target=0,0,0;fovy=30", "type": "label", "width": 64, "height": 64}

@@ -12,8 +12,8 @@ import pytest
 from gateway.runtime.diagnostics import findings
 from gateway.runtime.installation import Verdict
 from gateway.runtime.instance_probe import probe_instance
-from tests.runtime.http.answering import answering
 from tests.support.certificates import certificate
+from tests.support.http_stub import http_server
 from tests.support.waiting import wait_until
 
 HEALTH = {
@@ -28,18 +28,22 @@ HEALTH = {
 }
 
 
+def port_of(url: str) -> int:
+    return int(url.rpartition(":")[2])
+
+
 def test_probe_returns_the_ports_of_a_gateway() -> None:
-    with answering(lambda _: (200, json.dumps(HEALTH).encode())) as port:
+    with http_server(lambda _: (200, json.dumps(HEALTH).encode())) as url:
         for host in ("127.0.0.1", "localhost", "0.0.0.0"):
-            found = probe_instance(host, port)
+            found = probe_instance(host, port_of(url))
             assert (found.version, found.status) == ("1.2.3", "degraded")
             assert found.ports == frozenset({4001, 4002, 4003})
 
 
 @pytest.mark.parametrize("body", [b"", b"hello", b"[]", b'{"status": "ok"}', b'{"version": 1}', b"[" * 100_000])
 def test_probe_ignores_other_programs(body: bytes) -> None:
-    with answering(lambda _: (200, body)) as port:
-        assert probe_instance("127.0.0.1", port) is None
+    with http_server(lambda _: (200, body)) as url:
+        assert probe_instance("127.0.0.1", port_of(url)) is None
 
 
 def test_probe_tries_https_where_http_gives_an_error(tmp_path: Path) -> None:
@@ -105,8 +109,8 @@ def test_probe_has_a_time_limit(head: bytes, monkeypatch: pytest.MonkeyPatch) ->
 def test_doctor_names_the_gateway_at_all_its_ports() -> None:
     with socket.create_server(("127.0.0.1", 0)) as grpc:
         health = {**HEALTH, "interfaces": {"stereo": {"port": grpc.getsockname()[1]}}}
-        with answering(lambda _: (200, json.dumps(health).encode())) as port:
-            ports = {"--http-port": ("HTTP", port), "--grpc-port": ("gRPC", grpc.getsockname()[1])}
+        with http_server(lambda _: (200, json.dumps(health).encode())) as url:
+            ports = {"--http-port": ("HTTP", port_of(url)), "--grpc-port": ("gRPC", grpc.getsockname()[1])}
             found = {finding.subject: finding for finding in findings("127.0.0.1", ports)}
     for flag, (name, number) in ports.items():
         finding = found[f"port {number}"]

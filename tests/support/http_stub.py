@@ -8,7 +8,7 @@ from threading import Thread
 
 @contextmanager
 def http_server(answer: Callable[[BaseHTTPRequestHandler], tuple[int, bytes]], media_type: str = "") -> Iterator[str]:
-    """Answer each GET with a status and content; yield the URL."""
+    """Answer each GET and POST with a status and content; yield the URL."""
 
     class Handler(BaseHTTPRequestHandler):
         def do_GET(self) -> None:
@@ -16,8 +16,11 @@ def http_server(answer: Callable[[BaseHTTPRequestHandler], tuple[int, bytes]], m
             self.send_response(status)
             if media_type:
                 self.send_header("Content-Type", media_type)
+            self.send_header("Content-Length", str(len(content)))
             self.end_headers()
             self.wfile.write(content)
+
+        do_POST = do_GET
 
         def log_message(self, *_: object) -> None:
             pass

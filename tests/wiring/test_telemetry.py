@@ -8,7 +8,7 @@ import sys
 import threading
 import time
 from collections.abc import Callable, Iterator
-from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from http.server import BaseHTTPRequestHandler
 from typing import Any
 
 import grpc
@@ -29,50 +29,34 @@ from scenegate import Box, TreeViewer
 from scenegate.camera import image_interface_pb2 as pb
 from tests.support import clients, forms
 from tests.support.gateway_process import gateway_process
+from tests.support.http_stub import http_server
 from tests.support.waiting import SECONDS
 
 
-class Collector(ThreadingHTTPServer):
+class Collector:
     """Takes spans over OTLP/HTTP."""
 
     def __init__(self) -> None:
         self.spans: list[Span] = []
         self.resources: list[dict[str, str]] = []
-        collector = self
 
-        class Handler(BaseHTTPRequestHandler):
-            def do_POST(self) -> None:
-                body = self.rfile.read(int(self.headers["Content-Length"]))
-                if self.headers.get("Content-Encoding") == "gzip":
-                    body = gzip.decompress(body)
-                for part in ExportTraceServiceRequest.FromString(body).resource_spans:
-                    collector.resources.append({a.key: a.value.string_value for a in part.resource.attributes})
-                    collector.spans += [span for scope in part.scope_spans for span in scope.spans]
-                self.send_response(200)
-                self.end_headers()
-
-            def log_message(self, *arguments: object) -> None:
-                pass
-
-        super().__init__(("127.0.0.1", 0), Handler)
-
-    @property
-    def url(self) -> str:
-        return f"http://127.0.0.1:{self.server_port}"
+    def take(self, request: BaseHTTPRequestHandler) -> tuple[int, bytes]:
+        body = request.rfile.read(int(request.headers["Content-Length"]))
+        if request.headers.get("Content-Encoding") == "gzip":
+            body = gzip.decompress(body)
+        for part in ExportTraceServiceRequest.FromString(body).resource_spans:
+            self.resources.append({a.key: a.value.string_value for a in part.resource.attributes})
+            self.spans += [span for scope in part.scope_spans for span in scope.spans]
+        return 200, b""
 
 
 @pytest.fixture(scope="module")
-def collector() -> Iterator[Collector]:
+def collector() -> Collector:
     """Spans of two renders, one of which fails, of a stereo set, a request over LCM and paths without spans."""
-    with Collector() as server:
-        thread = threading.Thread(target=server.serve_forever, args=(0.01,))
-        thread.start()
-        try:
-            _use_every_interface(server.url)
-        finally:
-            server.shutdown()
-            thread.join()
-        yield server
+    collector = Collector()
+    with http_server(collector.take) as url:
+        _use_every_interface(url)
+    return collector
 
 
 def _use_every_interface(endpoint: str) -> None:
