@@ -235,7 +235,7 @@ async def run(given: argparse.Namespace) -> None:
                 if part == "churn":
                     await churn(running, given.clients)
                 elif part == "overload":
-                    await overload(running, QUEUE, THREADS, given.overload_seconds)
+                    await overload(running.ports.http, QUEUE + THREADS, given.overload_seconds)
                 elif part == "mixed":
                     await mixed(running, given.minutes)
 
