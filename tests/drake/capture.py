@@ -113,14 +113,14 @@ def register(scene_graph: SceneGraph, bodies: Iterable[Body]) -> None:
     source = scene_graph.RegisterSource("test")
     for index, body in enumerate(bodies):
         instance = GeometryInstance(body.pose, body.shape, f"body{index}")
-        instance.set_perception_properties(properties(body, index + 1))
+        instance.set_perception_properties(properties(body, body.label or index + 1))
         scene_graph.RegisterAnchoredGeometry(source, instance)
 
 
-def scene_graph_of(scene: Scene, base_url: str) -> SceneGraph:
+def scene_graph_of(bodies: Iterable[Body], base_url: str) -> SceneGraph:
     scene_graph = SceneGraph()
     add_engines(scene_graph, base_url)
-    register(scene_graph, [*scene.bodies, HIDDEN])
+    register(scene_graph, bodies)
     return scene_graph
 
 
@@ -140,7 +140,7 @@ def image(query: Any, engine: str, kind: str, scene: Scene) -> Any:
 def capture(name: str, folder: Path, base_url: str) -> None:
     with tempfile.TemporaryDirectory() as files:
         scene = SCENES[name](Path(files))
-        scene_graph = scene_graph_of(scene, base_url)  # a query does not keep it alive
+        scene_graph = scene_graph_of([*scene.bodies, HIDDEN], base_url)  # a query does not keep it alive
         context = scene_graph.CreateDefaultContext()
         query, copy = (scene_graph.get_query_output_port().Eval(each) for each in (context, context.Clone()))
         (folder / "color_copy.png").write_bytes(png(image(copy, "vtk", "color", scene)))

@@ -25,17 +25,10 @@ from pydrake.geometry import (
     DepthRange,
     DepthRenderCamera,
     Ellipsoid,
-    GeometryInstance,
     HalfSpace,
-    MakeRenderEngineGltfClient,
-    MakeRenderEngineVtk,
     Mesh,
-    PerceptionProperties,
     RenderCameraCore,
-    RenderEngineGltfClientParams,
-    RenderEngineVtkParams,
     RenderLabel,
-    Rgba,
     SceneGraph,
     Sphere,
 )
@@ -43,64 +36,38 @@ from pydrake.math import RigidTransform, RollPitchYaw
 from pydrake.systems.sensors import CameraInfo
 
 from tests.drake.assets import Gltf, quad, write_obj
-from tests.drake.scenes import looking_at
+from tests.drake.capture import scene_graph_of
+from tests.drake.scenes import Body, gltf, looking_at
 
 
-def gltf_of(positions: np.ndarray, path: Path) -> str:
-    """Write a glTF file of triangles, (3 N, 3), and return its path."""
+def gltf_of(positions: np.ndarray, folder: Path, name: str) -> Mesh:
+    """Write a glTF file of triangles, (3 N, 3)."""
     document = Gltf()
     attributes = {"POSITION": positions}
     material = document.matte([0.2, 0.7, 0.3, 1], doubleSided=True)
     document.node(document.mesh(attributes, np.arange(len(positions)), material))
-    return str(document.write(path))
+    return gltf(folder, document, name)
 
 
-def triangle_gltf(folder: Path) -> str:
-    return gltf_of(np.array([[-0.2, 0, 0], [0.2, 0, 0], [0, 0.3, 0]]), folder / "triangle.gltf")
+def triangle(folder: Path) -> Mesh:
+    return gltf_of(np.array([[-0.2, 0, 0], [0.2, 0, 0], [0, 0.3, 0]]), folder, "triangle")
 
 
-def properties(label: int, rgba: list[float] | None) -> PerceptionProperties:
-    result = PerceptionProperties()
-    if rgba is not None:
-        result.AddProperty("phong", "diffuse", Rgba(*rgba))
-    result.AddProperty("label", "id", RenderLabel(label))
-    return result
-
-
-def primitives(folder: Path) -> list[tuple[object, RigidTransform, PerceptionProperties]]:
+def primitives(folder: Path) -> list[Body]:
     quad_obj = write_obj(folder / "quad.obj", *quad(0.2, 0.2), "Kd 0.9 0.4 0.1")
-    box = RigidTransform(RollPitchYaw(0.2, 0.3, 0.4), [0.0, 0.0, 0.0])
-    cylinder = RigidTransform(RollPitchYaw(1.0, 0, 0), [-0.25, 0.0, 0])
-    tilted = RigidTransform(RollPitchYaw(0.5, 0, 0), [0.3, 0.3, 0.1])
     return [
-        (HalfSpace(), RigidTransform([0, 0, -0.15]), properties(10, [0.6, 0.6, 0.55, 1])),
-        (Box(0.2, 0.15, 0.1), box, properties(1, [1, 0.2, 0.2, 1])),
-        (Sphere(0.08), RigidTransform([0.25, 0.0, 0.0]), properties(2, [0.2, 1, 0.2, 1])),
-        (Cylinder(0.05, 0.2), cylinder, properties(3, [0.2, 0.2, 1, 1])),
-        (Capsule(0.05, 0.15), RigidTransform([0.0, 0.25, 0.0]), properties(300, [1, 1, 0.2, 1])),
-        (Ellipsoid(0.1, 0.05, 0.07), RigidTransform([0.0, -0.25, 0.0]), properties(4660, [0.2, 1, 1, 1])),
-        (Mesh(str(quad_obj), 1.0), tilted, properties(7, None)),
+        Body(HalfSpace(), (0, 0, -0.15), diffuse=(0.6, 0.6, 0.55, 1), label=10),
+        Body(Box(0.2, 0.15, 0.1), roll_pitch_yaw=(0.2, 0.3, 0.4), diffuse=(1, 0.2, 0.2, 1), label=1),
+        Body(Sphere(0.08), (0.25, 0, 0), diffuse=(0.2, 1, 0.2, 1), label=2),
+        Body(Cylinder(0.05, 0.2), (-0.25, 0, 0), (1, 0, 0), diffuse=(0.2, 0.2, 1, 1), label=3),
+        Body(Capsule(0.05, 0.15), (0, 0.25, 0), diffuse=(1, 1, 0.2, 1), label=300),
+        Body(Ellipsoid(0.1, 0.05, 0.07), (0, -0.25, 0), diffuse=(0.2, 1, 1, 1), label=4660),
+        Body(Mesh(str(quad_obj), 1.0), (0.3, 0.3, 0.1), (0.5, 0, 0), label=7),
     ]
 
 
-def build(shapes: list[Any], base_url: str) -> SceneGraph:
-    scene_graph = SceneGraph()
-    engines = {
-        "vtk": MakeRenderEngineVtk(RenderEngineVtkParams()),
-        "gateway": MakeRenderEngineGltfClient(RenderEngineGltfClientParams(base_url=base_url)),
-    }
-    for name, engine in engines.items():
-        scene_graph.AddRenderer(name, engine)
-    source = scene_graph.RegisterSource("test")
-    for index, (shape, pose, props) in enumerate(shapes):
-        instance = GeometryInstance(pose, shape, f"shape{index}")
-        instance.set_perception_properties(props)
-        scene_graph.RegisterAnchoredGeometry(source, instance)
-    return scene_graph
-
-
 def refusal(folder: Path, base_url: str) -> str:
-    """Return the message of the error that Drake raises for an image that takes too long; empty if it was rendered.
+    """Return the message of the error that Drake raises for an image that takes too long.
 
     Each of the triangles is larger than what the camera "above" sees, and in front of the last.
     """
@@ -108,19 +75,25 @@ def refusal(folder: Path, base_url: str) -> str:
     corners = np.array([[-8, -8, 0], [24, -8, 0], [-8, 24, 0]], np.float32)
     positions = np.repeat(corners[None], count, axis=0)
     positions[:, :, 2] = np.linspace(0.0, 0.5, count)[:, None]
-    slow = gltf_of(positions.reshape(-1, 3), folder / "slow.gltf")
-    upright = RigidTransform(RollPitchYaw(-np.pi / 2, 0, 0), [0, 0, 0])  # Drake turns glTF's Y to its own Z
-    shapes = [
-        (Mesh(slow, 1.0), upright, properties(9, None)),
-        (Box(0.2, 0.15, 0.1), RigidTransform([0, 0, -1]), properties(1, [1, 0.2, 0.2, 1])),
-    ]
-    scene_graph = build(shapes, base_url)
-    query = scene_graph.get_query_output_port().Eval(scene_graph.CreateDefaultContext())
+    slow = gltf_of(positions.reshape(-1, 3), folder, "slow")
+    upright = (-np.pi / 2, 0, 0)  # Drake turns glTF's Y to its own Z
+    box = Body(Box(0.2, 0.15, 0.1), (0, 0, -1), diffuse=(1, 0.2, 0.2, 1))
+    return error_of([Body(slow, roll_pitch_yaw=upright), box], base_url, "above")
+
+
+def error_of(bodies: list[Body], base_url: str, camera: str) -> str:
+    """Return the message of the error that Drake raises for an image; empty if it was rendered."""
+    scene_graph = scene_graph_of(bodies, base_url)
     try:
-        render(query, "gateway", "above")
+        render(query_of(scene_graph), "client", camera)
     except RuntimeError as error:
         return str(error)
     return ""
+
+
+def query_of(scene_graph: SceneGraph) -> Any:
+    """Return a query, which does not keep the scene graph alive."""
+    return scene_graph.get_query_output_port().Eval(scene_graph.CreateDefaultContext())
 
 
 CAMERAS = {
@@ -140,10 +113,10 @@ def render(query: Any, engine: str, camera: str) -> dict[str, np.ndarray]:
     return {"color": color.data[..., :3].copy(), "depth": depth.data[..., 0].copy(), "label": label.data[..., 0].copy()}
 
 
-def digests(shapes: list[Any], base_url: str, camera: str) -> list[str]:
-    scene_graph = build(shapes, base_url)
-    query = scene_graph.get_query_output_port().Eval(scene_graph.CreateDefaultContext())
-    rounds = (render(query, "gateway", camera) for _ in range(4))
+def digests(bodies: list[Body], base_url: str, camera: str) -> list[str]:
+    scene_graph = scene_graph_of(bodies, base_url)
+    query = query_of(scene_graph)
+    rounds = (render(query, "client", camera) for _ in range(4))
     return [
         hashlib.sha256(b"".join(images[kind].tobytes() for kind in sorted(images))).hexdigest() for images in rounds
     ]
@@ -174,23 +147,15 @@ def main() -> None:
             print(json.dumps(digests(primitives(folder), base_url, sys.argv[2])))
             return
         for look in ("phong", "pbr"):
-            shapes = primitives(folder)
+            bodies = primitives(folder)
             if look == "pbr":
-                pose = RigidTransform(RollPitchYaw(0.3, 0.2, 0), [0, 0, 0.3])
-                shapes.append((Mesh(triangle_gltf(folder), 1.0), pose, properties(9, None)))
-            scene_graph = build(shapes, base_url)
-            query = scene_graph.get_query_output_port().Eval(scene_graph.CreateDefaultContext())
+                bodies.append(Body(triangle(folder), (0, 0, 0.3), (0.3, 0.2, 0), label=9))
+            scene_graph = scene_graph_of(bodies, base_url)
+            query = query_of(scene_graph)
             for camera in ("front", "offcentre"):
-                ours, vtk = (render(query, engine, camera) for engine in ("gateway", "vtk"))
+                ours, vtk = (render(query, engine, camera) for engine in ("client", "vtk"))
                 results["comparisons"][f"{look}/{camera}"] = compare(ours, vtk)
-        only = [(Mesh(triangle_gltf(folder), 1.0), RigidTransform(), properties(9, None))]
-        scene_graph = build(only, base_url)
-        query = scene_graph.get_query_output_port().Eval(scene_graph.CreateDefaultContext())
-        try:
-            render(query, "gateway", "front")
-            results["error"] = ""
-        except RuntimeError as error:
-            results["error"] = str(error)
+        results["error"] = error_of([Body(triangle(folder))], base_url, "front")
     print(json.dumps(results))
 
 

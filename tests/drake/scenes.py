@@ -37,6 +37,8 @@ class Body:
     """Radians."""
     diffuse: tuple[float, float, float, float] | None = None
     diffuse_map: Path | None = None
+    label: int | None = None
+    """By default its number in the scene, from 1."""
 
     @property
     def pose(self) -> RigidTransform:
