@@ -7,8 +7,6 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-import cv2
-import numpy as np
 import pytest
 
 from tests.support.gateway_process import gateway_process
@@ -69,18 +67,6 @@ def test_two_cameras_at_once(python: str, url: str) -> None:
     assert together == alone
     assert [len(set(digests)) for digests in together] == [1, 1]
     assert alone[0] != alone[1]
-
-
-def test_an_environment_map_lights_only_the_look_studio(python: str, url: str, tmp_path: Path) -> None:
-    path = tmp_path / "room.hdr"
-    path.write_bytes(cv2.imencode(".hdr", np.full((8, 16, 3), 0.5, np.float32))[1].tobytes())
-    settings = ("--only", "render", "--rig", str(path))
-    expected = printed(start(python, url, "front"))
-    with gateway_process(*settings) as (_, lit_url), gateway_process(*settings, "--look", "studio") as (_, studio_url):
-        assert printed(start(python, lit_url, "front")) == expected
-        studio = printed(start(python, studio_url, "front"))
-    assert len(set(studio)) == 1
-    assert studio[0] != expected[0]
 
 
 def test_a_bad_request_is_explained_in_drakes_exception(results: dict[str, Any]) -> None:

@@ -18,6 +18,7 @@ from gateway.adapters.stereo.service import StereoService
 from gateway.adapters.viewer.messages import Fact, Status
 from gateway.app import create_app
 from gateway.demo import ROOT, Demo
+from gateway.files.assets.light_rig_file import read_rig
 from gateway.files.gltf import GltfLimits
 from gateway.runtime.settings import Settings
 from gateway.runtime.workers.worker_pool import WorkerPool
@@ -79,9 +80,12 @@ async def arguments(
     return calls[0]
 
 
-async def test_settings_of_the_render_endpoint(contexts: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+async def test_settings_of_the_render_endpoint(contexts: Any, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    rig = tmp_path / "rig.toml"
+    rig.write_text("exposure = 0.5\n")
     context = contexts(
         render_path="/draw",
+        rig=rig,
         look="pbr",
         samples=4,
         background=(1, 2, 3),
@@ -96,7 +100,7 @@ async def test_settings_of_the_render_endpoint(contexts: Any, monkeypatch: pytes
     )
     made = await arguments(monkeypatch, render, "RenderService", context)
     config = made.positional[2]
-    assert (config.path, config.style) == ("/draw", Style("pbr", (1, 2, 3), samples=4))
+    assert (config.path, config.style) == ("/draw", Style("pbr", (1, 2, 3), samples=4, rig=read_rig(rig)))
     assert (config.depth_format, config.max_pixels) == ("png", 7777)
     assert (config.max_body_bytes, config.max_inflight_bytes) == (3 * MIB, 5 * MIB)
     assert config.gltf == replace(

@@ -2,7 +2,8 @@
 
 import hashlib
 import json
-from typing import Any
+from pathlib import Path
+from typing import Any, get_args
 
 import cv2
 import numpy as np
@@ -13,9 +14,11 @@ from gateway.adapters.render.errors import RequestError
 from gateway.adapters.render.form import FormReader
 from gateway.adapters.render.pipeline import EncodedImage, Pipeline
 from gateway.adapters.render.scenes import SceneStore
+from gateway.files.assets.light_rig_file import read_rig
 from gateway.files.gltf import GltfCache, GltfError, GltfLimits, HashedDocument
 from gateway.scene.draw.style import Style
 from renderers.cache import CacheBudget
+from renderers.interface import LookName
 from renderers.raster import CpuRenderer
 from tests.support.forms import CONTENT_TYPE, body, drake_fields, gltf
 
@@ -69,6 +72,17 @@ def test_wrong_scene_hash_is_refused(renderer: CpuRenderer) -> None:
         rendered(renderer, data, scene_sha256=wrong)
     assert wrong in str(caught.value)
     assert hashlib.sha256(data).hexdigest() in str(caught.value)
+
+
+@pytest.mark.parametrize("look", get_args(LookName))
+def test_an_environment_map_lights_only_the_look_studio(renderer: CpuRenderer, look: LookName, tmp_path: Path) -> None:
+    path = tmp_path / "room.hdr"
+    path.write_bytes(cv2.imencode(".hdr", np.full((8, 16, 3), 0.5, np.float32))[1].tobytes())
+    styles = Style(), Style(rig=read_rig(path))
+    dark, lit = (
+        rendered(renderer, gltf(), config=RenderConfig(style=style), scenegate_look=look).body for style in styles
+    )
+    assert (lit != dark) is (look == "studio")
 
 
 def test_fxaa_can_be_turned_off(renderer: CpuRenderer) -> None:
