@@ -1,16 +1,27 @@
-"""Robots from packages, in SCENEGATE_ROBOTS: they load, and their link poses equal those of Drake and MuJoCo."""
+"""Robots from packages, in SCENEGATE_ROBOTS: they load, and their link poses equal those of Drake and MuJoCo.
 
+Mesh files are found and read for all robots. They are parsed for one of four where they are large, and for all of them
+with SCENEGATE_ALL_MESHES, which takes minutes.
+"""
+
+import hashlib
 import json
 import os
 import subprocess
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
+from gateway.files.assets.mesh_formats import parse_mesh
+from gateway.files.robots import link_parts
 from gateway.files.robots.reader import read_robot
 from gateway.files.robots.robot import Robot
+from gateway.scene.tree.geometry import Part
+from renderers.drawlist import Material
+from scenegate.messages.geometry import Box
 from scenegate.robots.robot_errors import RobotFileError
 from tests.support.waiting import SECONDS
 
@@ -18,6 +29,7 @@ pytestmark = pytest.mark.slow
 
 TOLERANCE = 1e-9
 """Maximum difference of an element of a link's pose: metres, and elements of rotation matrices."""
+ALL_MESHES = "SCENEGATE_ALL_MESHES" in os.environ
 URDF_FOLDER = "cmeel.prefix/share/example-robot-data"
 BROKEN_URDF = {"ur3.urdf": "it has no links"}
 """Files of the package that no program can use, and why."""
@@ -40,19 +52,58 @@ def folder() -> Path:
     return Path(found)
 
 
+class Meshes:
+    """Stands for ``parse_mesh``: parses equal files once, and where ``parses`` is False none."""
+
+    def __init__(self) -> None:
+        self.parses = True
+        self._parsed: dict[tuple[Any, ...], tuple[tuple[Part, ...], list[str]]] = {}
+
+    def __call__(
+        self, data: bytes, extension: str, read: Any, limits: Any, warnings: list[str], **options: Any
+    ) -> tuple[Part, ...]:
+        if not self.parses:
+            return (Part(Box((1, 1, 1)), Material()),)
+        key = (hashlib.sha256(data).digest(), extension, *options.values())
+        if key not in self._parsed:
+            found: list[str] = []
+            self._parsed[key] = parse_mesh(data, extension, read, limits, found, **options), found
+        parts, found = self._parsed[key]
+        warnings += found
+        return parts
+
+
 @pytest.fixture(scope="module")
-def urdf_robots(folder: Path) -> dict[Path, Robot]:
-    """Return the robots of all URDF files that can be used. The others must fail for the known reasons."""
+def meshes() -> Iterator[Meshes]:
+    meshes = Meshes()
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(link_parts, "parse_mesh", meshes)
+        yield meshes
+
+
+def read_all(paths: list[Path], meshes: Meshes, step: int, broken: dict[str, str]) -> dict[Path, Robot]:
+    """Return the robots of all files that can be used, every ``step``-th with its meshes.
+
+    Args:
+        broken: files that must fail, and the reasons.
+    """
     robots, failures = {}, {}
-    for path in sorted((folder / URDF_FOLDER / "robots").rglob("*.urdf")):
+    for number, path in enumerate(paths):
+        meshes.parses = number % step == 0 or ALL_MESHES
         try:
             robots[path] = read_robot(path)
         except RobotFileError as error:
             failures[path.name] = str(error)
-    assert failures.keys() == BROKEN_URDF.keys(), failures
-    for name, reason in BROKEN_URDF.items():
+    assert failures.keys() == broken.keys(), failures
+    for name, reason in broken.items():
         assert reason in failures[name]
     return robots
+
+
+@pytest.fixture(scope="module")
+def urdf_robots(folder: Path, meshes: Meshes) -> dict[Path, Robot]:
+    """Return the robots of all URDF files of a package that can be used."""
+    return read_all(sorted((folder / URDF_FOLDER / "robots").rglob("*.urdf")), meshes, 4, BROKEN_URDF)
 
 
 def some_values(robot: Robot, seed: int) -> dict[str, float]:
@@ -99,26 +150,22 @@ def test_urdf_poses_equal_drakes(urdf_robots: dict[Path, Robot], folder: Path) -
 
 
 @pytest.mark.parametrize(
-    ("package", "count", "warned", "refused"),
+    ("package", "step", "count", "warned", "broken"),
     [
-        ("airo_models", 16, 0, {}),
-        ("armar", 8, 8, {}),
-        ("jvrc_description", 1, 1, {}),
-        ("pybullet_data", 95, 23, {"torus_deform.urdf": "it has no links"}),
+        ("airo_models", 4, 16, 0, {}),
+        ("armar", 4, 8, 8, {}),
+        ("jvrc_description", 1, 1, 1, {}),
+        ("pybullet_data", 1, 95, 23, {"torus_deform.urdf": "it has no links"}),
     ],
 )
-def test_robots_of_other_packages(folder: Path, package: str, count: int, warned: int, refused: dict[str, str]) -> None:
+def test_robots_of_other_packages(
+    folder: Path, meshes: Meshes, package: str, step: int, count: int, warned: int, broken: dict[str, str]
+) -> None:
     """All that can be drawn is drawn: what was left out is in the warnings."""
     paths = sorted(path for path in (folder / package).rglob("*.urdf") if "random_urdfs" not in path.parts)
     if not paths:
         pytest.skip(f"SCENEGATE_ROBOTS has no {package}")
-    robots, failures = {}, {}
-    for path in paths:
-        try:
-            robots[path] = read_robot(path)
-        except RobotFileError as error:
-            failures[path.name] = str(error)
-    assert failures.keys() == refused.keys(), failures
+    robots = read_all(paths, meshes, step, broken)
     assert len(paths) == count
     assert sum(bool(robot.warnings) for robot in robots.values()) == warned
     for path, robot in robots.items():
