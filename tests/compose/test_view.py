@@ -16,7 +16,7 @@ pytestmark = [pytest.mark.compose, pytest.mark.browser]
 @pytest.mark.slow
 def test_the_page_shows_the_demo_scene(url: str) -> None:
     with chromium() as browser:
-        shown = Watched(browser, url)
+        shown = Watched(browser, url, width=480, height=320)  # more pixels of the demo take a minute without a GPU
         wait_in_page(shown.page, "scenegate.model.find(['demo', 'robot'])?.parts != null")
         before = where(shown)
         wait_in_page(
