@@ -1,6 +1,6 @@
 """Run by an interpreter that has pydrake: records what Drake's client posts, and what RenderEngineVtk draws instead.
 
-    python -m tests.drake.capture FOLDER [NAME ..]      all scenes of scenes.py, or those named
+    python -m tests.drake.capture FOLDER [STEP]      all scenes, or one of STEP and those with vertex colours
 
 FOLDER/NAME gets, for each of color, depth and label, the posted scene (``color.gltf``) and form fields
 (``color.json``), and RenderEngineVtk's image: ``color.png``, ``depth.npy`` (float32, metres), ``label.npy`` (int16).
@@ -157,7 +157,8 @@ def capture(name: str, folder: Path, base_url: str) -> None:
 
 
 def main() -> None:
-    folder, names = Path(sys.argv[1]), sys.argv[2:] or list(SCENES)
+    folder, step = Path(sys.argv[1]), int(sys.argv[2]) if len(sys.argv) > 2 else 1
+    names = [name for number, name in enumerate(SCENES) if number % step == 0 or name.startswith("vertex_")]
     for name, captured in zip(names, record(Recorder, names, capture), strict=True):
         shutil.copytree(captured, folder / name, dirs_exist_ok=True)
 

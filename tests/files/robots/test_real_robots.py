@@ -1,7 +1,7 @@
 """Robots from packages, in SCENEGATE_ROBOTS: they load, and their link poses equal those of Drake and MuJoCo.
 
 Mesh files are found and read for all robots. They are parsed for one of four where they are large, and for all of them
-with SCENEGATE_ALL_MESHES, which takes minutes.
+with SCENEGATE_ALL_CASES, which takes minutes.
 """
 
 import hashlib
@@ -29,7 +29,7 @@ pytestmark = pytest.mark.slow
 
 TOLERANCE = 1e-9
 """Maximum difference of an element of a link's pose: metres, and elements of rotation matrices."""
-ALL_MESHES = "SCENEGATE_ALL_MESHES" in os.environ
+ALL_CASES = "SCENEGATE_ALL_CASES" in os.environ
 URDF_FOLDER = "cmeel.prefix/share/example-robot-data"
 BROKEN_URDF = {"ur3.urdf": "it has no links"}
 """Files of the package that no program can use, and why."""
@@ -89,7 +89,7 @@ def read_all(paths: list[Path], meshes: Meshes, step: int, broken: dict[str, str
     """
     robots, failures = {}, {}
     for number, path in enumerate(paths):
-        meshes.parses = number % step == 0 or ALL_MESHES
+        meshes.parses = number % step == 0 or ALL_CASES
         try:
             robots[path] = read_robot(path)
         except RobotFileError as error:
