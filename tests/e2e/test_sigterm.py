@@ -79,17 +79,15 @@ def replacing(process: GatewayProcess) -> None:
 
 MOMENTS: dict[str, tuple[tuple[str, ...], Moment]] = {
     "one process, imports": (ONE, at_once),
-    "one process, start": (ONE, listening),
     "one process, compilation": ((*ONE, EMPTY_CACHE), compiling),
-    "one process, idle": (ONE, idle),
     "one process, renders": (ONE, rendering),
     "all interfaces, start": (("--grpc-port", "0", "--tcpq-port", "0", "--lcm-url", "off", "--demo"), listening),
     "two processes, imports": (TWO, at_once),
     "two processes, start": (TWO, listening),
     "two processes, compilation": ((*TWO, EMPTY_CACHE), compiling),
     "two processes, idle": (TWO, idle),
-    "two processes, one hangs": (TWO, hung),
-    "two processes, both hang": (TWO, all_hung),
+    "two processes, one hangs": ((*TWO, "--shutdown-seconds", "1"), hung),
+    "two processes, both hang": ((*TWO, "--shutdown-seconds", "1"), all_hung),
     "two processes, one restarts": (TWO, restarting),
     "two processes, all are replaced": (TWO, replacing),
 }

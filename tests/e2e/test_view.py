@@ -14,9 +14,9 @@ from PIL import Image
 from gateway.files.assets.mesh_files import MeshFiles
 from gateway.replay.log_replay import LogReplay
 from tests.adapters.treeviewer.conversation import message
-from tests.adapters.viewer.page import View
+from tests.adapters.viewer.browser.page import View
 from tests.replay.logs import BEGIN, CHANNEL, write_log
-from tests.replay.test_log_timeline import box_at, moving
+from tests.replay.test_log_timeline import moving
 from tests.support import clients
 from tests.support.browser import chromium
 from tests.support.command import scenegate
@@ -59,12 +59,16 @@ def colors(url: str, **query: Any) -> NDArray[np.uint8]:
 @pytest.mark.slow
 def test_a_log_over_http(tmp_path: Path) -> None:
     """The scene at any time; the last one by default. No other interface runs, and settings of a server do nothing."""
-    log = write_log(tmp_path / "x.lcmlog", [*moving(20), (1.95, CHANNEL, b"no message")])
+    mesh = {"path": ["m"], "geometry": {"type": "mesh_file", "filename": "/no/file.obj"}}
+    log = write_log(
+        tmp_path / "x.lcmlog",
+        [*moving(20), (1.94, CHANNEL, message({"setgeometry": [mesh]})), (1.95, CHANNEL, b"no message")],
+    )
     env = {"SCENEGATE_STATE": str(tmp_path / "state"), "SCENEGATE_HOST": "0.0.0.0", "SCENEGATE_DEMO": "1"}
-    with viewing(log, env=env) as (process, url):
+    with viewing(log, "--mesh-root", "off", env=env) as (process, url):
         assert url.startswith("http://127.0.0.1:")
         assert interfaces(url).keys() == {"kernels", "scene", "view", "log"}
-        assert interfaces(url)["log"]["incomplete_messages"] == 1
+        assert interfaces(url)["log"]["incomplete_messages"] == 2
         assert x_of(clients.get(f"{url}/scene", params={"time": BEGIN + 0.55}).json()) == 5.0
         assert x_of(clients.get(f"{url}/scene", params={"time": -1.0}).json()) == 9.0
         assert x_of(clients.get(f"{url}/scene").json()) == 19.0
@@ -75,7 +79,7 @@ def test_a_log_over_http(tmp_path: Path) -> None:
         assert (seen[0] == seen[0][0, 0]).all(), "the box is out of view"
         assert (seen[1] != seen[1][0, 0]).any()
         assert process.stop() == 0
-        assert any("messages that are not shown completely: 1;" in entry["event"] for entry in process.rest_of_log())
+        assert any("messages that are not shown completely: 2;" in entry["event"] for entry in process.rest_of_log())
     assert not (tmp_path / "state").exists()
 
 
@@ -86,23 +90,6 @@ def test_what_is_no_log(tmp_path: Path) -> None:
     assert (ran.exit_code, ran.stderr) == (1, f"scenegate: {text}: this is not an LCM log, it has no event\n")
     assert scenegate("view", str(tmp_path / "none")).exit_code == 2
     assert scenegate("view", str(text), "--mesh-root", "off:auto").exit_code == 2
-
-
-@pytest.mark.slow
-def test_mesh_files_are_read_where_the_option_allows_it(tmp_path: Path) -> None:
-    (tmp_path / "t.obj").write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n")
-    geometry = {"type": "mesh_file", "filename": str(tmp_path / "t.obj")}
-    log = write_log(
-        tmp_path / "x.lcmlog",
-        [
-            (0.0, CHANNEL, box_at("a")),
-            (1.0, CHANNEL, message({"setgeometry": [{"path": ["m"], "geometry": geometry}]})),
-        ],
-    )
-    for flags, shown in ((), 1), (("--mesh-root", "off"), 0), (("--mesh-root", str(tmp_path)), 1):
-        with viewing(log, *flags) as (_, url):
-            assert [node["path"] for node in clients.get(f"{url}/scene").json()["nodes"]].count(["m"]) == shown
-            assert interfaces(url)["log"]["incomplete_messages"] == 1 - shown
 
 
 @pytest.mark.browser
