@@ -11,6 +11,8 @@ from tests.support.waiting import MILLISECONDS, wait_until
 
 PAGE_SECONDS: Final = 120.0
 """Time limit of a wait in a page: a label that was renamed fails its tests, and leaves the others their time."""
+WIDTH, HEIGHT = 1024, 640
+"""Pixels of a page. Without a GPU, the time of a frame grows with them."""
 ARGUMENTS = (
     "--headless",
     "--no-sandbox",
@@ -56,7 +58,7 @@ def wait_in_page(page: Any, condition: str, *argument: Any) -> None:
 class Watched:
     """A page and the errors that it must not have. As a context manager, it closes the page and checks them."""
 
-    def __init__(self, browser: Any, url: str, *, width: int = 1280, height: int = 800) -> None:
+    def __init__(self, browser: Any, url: str, *, width: int = WIDTH, height: int = HEIGHT) -> None:
         self.page = new_page(browser, viewport={"width": width, "height": height})
         self.faults: list[str] = []
         self.page.on("pageerror", lambda error: self.faults.append(f"exception: {error}"))

@@ -6,7 +6,7 @@ from typing import Any
 import pytest
 
 from tests.adapters.drakeviewer.encoding import SPHERE, contacts, draw, geometry, link, load, point_contact
-from tests.adapters.viewer.page import FLAGS, View, hub_url, row
+from tests.adapters.viewer.browser.page import FLAGS, View, hub_url, row
 from tests.support.browser import chromium
 from tests.support.gateway_process import gateway_process
 from tests.support.liblcm import liblcm

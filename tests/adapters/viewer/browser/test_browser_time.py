@@ -9,7 +9,7 @@ from urllib.parse import parse_qs, urlsplit
 import pytest
 
 from scenegate import Box, TreeViewer
-from tests.adapters.viewer.page import FLAGS, View
+from tests.adapters.viewer.browser.page import FLAGS, View
 from tests.support import clients
 from tests.support.gateway_process import gateway_process
 

@@ -11,7 +11,7 @@ import trimesh
 from numpy.typing import NDArray
 from PIL import Image
 
-from tests.adapters.viewer.page import FLAGS, Publisher, View
+from tests.adapters.viewer.browser.page import FLAGS, Publisher, View
 from tests.files.gltf.builder import Builder, data_uri
 from tests.support import clients
 from tests.support.gateway_process import gateway_process

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from scenegate import Box, Transform, TreeViewer
-from tests.adapters.viewer.page import View, row
+from tests.adapters.viewer.browser.page import View, row
 from tests.support.browser import wait_in_page
 
 pytestmark = [pytest.mark.browser, pytest.mark.slow]

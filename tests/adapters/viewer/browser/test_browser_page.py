@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from scenegate import Box, Click, TreeViewer
-from tests.adapters.viewer.page import View
+from tests.adapters.viewer.browser.page import View
 from tests.support import clients
 from tests.support.browser import PAGE_SECONDS
 

@@ -6,20 +6,20 @@ from typing import Any
 import pytest
 
 from scenegate import TreeViewer
-from tests.adapters.viewer.page import FLAGS, Publisher, View, hub_url
+from tests.adapters.viewer.browser.page import FLAGS, Publisher, View, hub_url
 from tests.support.browser import chromium
 from tests.support.gateway_process import gateway_process
 from tests.support.liblcm import liblcm
 from tests.support.waiting import SECONDS
 
 
-@pytest.fixture(scope="module")
+@pytest.fixture(scope="package")
 def browser() -> Iterator[Any]:
     with chromium() as running:
         yield running
 
 
-@pytest.fixture(scope="module")
+@pytest.fixture(scope="package")
 def url(browser: Any) -> Iterator[str]:
     """URL of a gateway."""
     with gateway_process(*FLAGS) as (_, url):

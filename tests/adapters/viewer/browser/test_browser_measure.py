@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from tests.adapters.viewer.page import Publisher, View, row
+from tests.adapters.viewer.browser.page import Publisher, View, row
 
 pytestmark = [pytest.mark.browser, pytest.mark.slow]
 

@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 
 from scenegate import Box, TreeViewer
-from tests.adapters.viewer.page import FLAGS, View, hub_url
+from tests.adapters.viewer.browser.page import FLAGS, View, hub_url
 from tests.support.browser import PAGE_SECONDS, new_page
 from tests.support.gateway_process import gateway_process
 from tests.support.http_stub import http_server

@@ -10,13 +10,13 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from tests.adapters.viewer.page import FLAGS, Publisher, View
+from tests.adapters.viewer.browser.page import FLAGS, Publisher, View
+from tests.adapters.viewer.browser.test_browser import GREEN, RED, UPRIGHT, png
+from tests.adapters.viewer.browser.test_browser import TEXTURED as UNTEXTURED
 from tests.adapters.viewer.recordings import frames_of
-from tests.adapters.viewer.test_browser import GREEN, RED, UPRIGHT, png
-from tests.adapters.viewer.test_browser import TEXTURED as UNTEXTURED
 from tests.replay.test_page_file import recording_of
 from tests.support import clients
-from tests.support.browser import PAGE_SECONDS, wait_in_page
+from tests.support.browser import HEIGHT, PAGE_SECONDS, WIDTH, wait_in_page
 from tests.support.gateway_process import gateway_process
 from tests.support.view_frames import parse_frame
 
@@ -36,7 +36,7 @@ class FileView(View):
     """A page of a file, in a browser without a network."""
 
     def __init__(self, browser: Any, file: Path, fragment: str = "") -> None:
-        context = browser.new_context(viewport={"width": 1280, "height": 800}, offline=True)
+        context = browser.new_context(viewport={"width": WIDTH, "height": HEIGHT}, offline=True)
         self.page = context.new_page()
         self.page.set_default_timeout(1000 * PAGE_SECONDS)
         self.faults = []
@@ -130,7 +130,7 @@ def _check_panels(opened: FileView) -> None:
     with page.expect_download() as download_of:
         page.get_by_role("button", name="PNG").click()
     image = Image.open(io.BytesIO(Path(download_of.value.path()).read_bytes()))
-    assert image.size[0] > 600
+    assert image.size == opened.colors().shape[1::-1]
 
 
 def moved_box(browser: Any, folder: Path) -> Path:

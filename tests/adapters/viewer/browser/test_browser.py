@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from gateway.files.gltf import read_gltf
-from tests.adapters.viewer.page import FLAGS, Publisher, View, row
+from tests.adapters.viewer.browser.page import FLAGS, Publisher, View, row
 from tests.support import clients
 from tests.support.browser import PAGE_SECONDS, new_page, wait_in_page
 from tests.support.forms import CONTENT_TYPE, body, drake_fields, gltf
@@ -788,7 +788,7 @@ def test_panels_are_resized_and_keep_their_width(shown: View, publisher: Publish
     assert tree.bounding_box()["width"] == before
 
 
-AXE = Path(__file__).parents[3] / "gateway/adapters/viewer/web/node_modules/axe-core/axe.min.js"
+AXE = Path(__file__).parents[4] / "gateway/adapters/viewer/web/node_modules/axe-core/axe.min.js"
 
 
 @pytest.mark.skipif(not AXE.is_file(), reason="axe-core is not installed (npm ci in gateway/adapters/viewer/web)")
@@ -1016,9 +1016,11 @@ def test_page_reconnects_after_a_restart(browser: Any) -> None:
 def test_gateway_without_stereo_camera_is_not_an_error(browser: Any) -> None:
     """Tabs are there for what is used; wheel, orbit and pan with the mouse move the camera."""
     with ExitStack() as stack:
-        _, url = stack.enter_context(gateway_process("--only", "scene,view", "--demo"))
-        view = stack.enter_context(View(browser, url, width=900, height=460))  # more pixels take a minute
-        view.until(lambda: view.page.evaluate("scenegate.model.nodes.size > 10"), "the demo is there")
+        flags = ("--lcm-url", "off", "--tcpq-port", "0")
+        _, url = stack.enter_context(gateway_process("--only", "scene,view,treeviewer", *flags))
+        Publisher(url).box(["box"], RED)
+        view = stack.enter_context(View(browser, url, width=900, height=460))
+        view.wait_for_node("box")
         view.page.get_by_role("button", name="Selection, stereo").click()
         view.page.get_by_text("Nothing is selected").wait_for()
         view.page.get_by_text("interfaces ready").wait_for()
@@ -1138,7 +1140,7 @@ def test_view_returns_after_a_lost_context(shown: View, publisher: Publisher) ->
 
 def test_failed_texture_download_is_repeated(browser: Any) -> None:
     with gateway_process("--only", "view", "--demo") as (_, url):
-        page = new_page(browser)
+        page = new_page(browser, viewport={"width": 320, "height": 240})  # of the demo, more pixels take a minute
         requested: list[str] = []
 
         def refuse_once(route: Any) -> None:
