@@ -46,17 +46,6 @@ def engine(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFact
     return chosen
 
 
-@pytest.fixture
-def tell(capsys: pytest.CaptureFixture[str]) -> Callable[[str], None]:
-    """Shows a figure in the output of the tests, passed or not."""
-
-    def show(text: str) -> None:
-        with capsys.disabled():
-            print(f"\n  {text}", end="", flush=True)
-
-    return show
-
-
 def wait_for(what: str, ask: Callable[[], Value | None]) -> Value:
     """The first answer that is not None and not empty."""
     limit = time.monotonic() + SECONDS
@@ -84,37 +73,28 @@ def needs(engine: Engine, service: str) -> Iterator[Project]:
         yield project
 
 
-def test_the_gateway_is_soon_ready(engine: Engine, tell: Callable[[str], None]) -> None:
-    tell(engine.described)
-    tell(f"image: {engine.megabytes('scenegate'):.0f} MB, of which its base is {engine.megabytes(BASE):.0f} MB")
+def test_the_gateway_is_soon_ready(engine: Engine) -> None:
     with engine.project() as project:
-        began = time.monotonic()
         project.up("", "gateway")
-        returned = time.monotonic() - began
         wait_for("readiness", lambda: ready(project))
-        tell(f"ready {time.monotonic() - began:.1f} s after `up -d` began, which took {returned:.1f} s of them")
         (container,) = project.containers("gateway")
-        probe = engine.run("exec", container, "python", "-m", "gateway.runtime.http.healthcheck")
-        who = engine.run("exec", container, "id", "-u").strip()
-        tell(f"user {who}; the health check's command: {probe.strip() or 'ready'}")
-        assert who == "10001"
+        engine.run("exec", container, "python", "-m", "gateway.runtime.http.healthcheck")
+        assert engine.run("exec", container, "id", "-u").strip() == "10001"
         written = "for f in /opt/x /var/lib/scenegate/x /tmp/x; do touch $f && echo $f; done; true"
         assert engine.run("exec", container, "sh", "-c", written).split() == ["/tmp/x"], "the root is read-only"
 
 
-def test_the_tests_pass_in_a_container(engine: Engine, tell: Callable[[str], None]) -> None:
+def test_the_tests_pass_in_a_container(engine: Engine) -> None:
     with engine.project() as project:
         project.profiles["test"] = None
         ran = project.compose("--profile=test", "run", "--rm", "-T", "test")
         assert ran.returncode == 0, ran.stdout[-4000:] + ran.stderr[-4000:]
-        for line in ran.stdout.strip().splitlines()[-14:]:
-            tell(f"| {line}")
         passed = re.search(r"(\d+) passed", ran.stdout)
         assert passed is not None
         assert int(passed[1]) >= 14, "LCM and the browser were there, too"
 
 
-def test_demo_publishes_and_records(engine: Engine, tell: Callable[[str], None]) -> None:
+def test_demo_publishes_and_records(engine: Engine) -> None:
     with engine.project() as project:
         project.up("demo")
         (recorder,) = wait_for("the recorder", lambda: project.containers("recorder"))
@@ -124,11 +104,10 @@ def test_demo_publishes_and_records(engine: Engine, tell: Callable[[str], None])
         listed = f"{project.name}_recorded:/recorded"
         files = engine.run("run", "--rm", "-v", listed, "--entrypoint", "find", "scenegate", "/recorded", "-type", "f")
     counts = {kind: len(re.findall(rf"_{kind}\.png$", files, re.MULTILINE)) for kind in ("left", "disparity")}
-    tell(f"demo: the rover is in the scene; files recorded over gRPC: {counts}")
     assert counts == {"left": RECORDED, "disparity": RECORDED}
 
 
-def test_haproxy_spreads_renders(engine: Engine, tell: Callable[[str], None]) -> None:
+def test_haproxy_spreads_renders(engine: Engine) -> None:
     with needs(engine, "haproxy") as project:
         project.up("scale", "--scale", "render=3", "haproxy", "render")
         replicas = project.containers("render")
@@ -145,7 +124,6 @@ def test_haproxy_spreads_renders(engine: Engine, tell: Callable[[str], None]) ->
             before = {each: drawn(engine, each) or 0 for each in replicas}
             statuses = [render() for _ in range(RENDERS)]
         share = [(drawn(engine, each) or 0) - before[each] for each in replicas]
-    tell(f"scale: {statuses.count(200)} of {RENDERS} renders answered, by replica: {share}")
     assert statuses == [200] * RENDERS
     assert sum(share) == RENDERS
     assert min(share) > 0
@@ -165,7 +143,7 @@ def drawn(engine: Engine, container: str) -> int | None:
     return sum(int(float(value)) for value in re.findall(r"'([\d.e+]+)'", said))
 
 
-def test_prometheus_scrapes_every_target(engine: Engine, tell: Callable[[str], None]) -> None:
+def test_prometheus_scrapes_every_target(engine: Engine) -> None:
     with needs(engine, "prometheus") as project:
         project.up("observe", "gateway", "prometheus")
         expected = {"scenegate": 1}
@@ -182,7 +160,5 @@ def test_prometheus_scrapes_every_target(engine: Engine, tell: Callable[[str], N
         answer = clients.get(f"{api}/query", params={"query": "sum(scenegate_interface_ready)"}).json()
         groups = clients.get(f"{api}/rules").json()["data"]["groups"]
     alerts = [rule["name"] for group in groups for rule in group["rules"]]
-    value = float(answer["data"]["result"][0]["value"][1])
-    tell(f"observe: targets up {expected}, {value:.0f} interfaces ready, {len(alerts)} alerts loaded")
-    assert value >= 1
+    assert float(answer["data"]["result"][0]["value"][1]) >= 1
     assert alerts

@@ -132,20 +132,6 @@ def drake_scene(name: str, version: str = "scenes") -> DrakeScene:
     return next(scene for scene in drake_scenes() if scene.name == name and scene.version == version)
 
 
-@dataclass(frozen=True)
-class Row:
-    """Differences between our image and the reference."""
-
-    scene: str
-    kind: str
-    figures: str
-    milliseconds: float
-
-
-TABLE: list[Row] = []
-"""Filled by the tests, printed when they are done."""
-
-
 def decode_label(rgb: NDArray[np.uint8]) -> NDArray[np.int32]:
     """(H, W, 3) -> labels as Drake's client reads them: white is kDontCare, else red + 256 green; blue is ignored."""
     wide = rgb.astype(np.int32)

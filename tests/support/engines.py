@@ -81,21 +81,11 @@ class Engine:
         assert named is not None
         return self.has(named[1])
 
-    def megabytes(self, image: str) -> float:
-        """Size of an image with all of its layers, 10^6 bytes."""
-        return int(self.run("image", "inspect", "--format", "{{.Size}}", image).strip()) / 1e6
-
     def run(self, *arguments: str) -> str:
         """Run the engine's command and return its output."""
         ran = _run(self.name, *arguments)
         assert ran.returncode == 0, f"{self.name} {' '.join(arguments)}: {ran.stderr[-4000:]}"
         return ran.stdout
-
-    @property
-    def described(self) -> str:
-        """Names and versions of the engine and of its compose command."""
-        commands = ((self.name, "-v"), (*self.compose, "version"))
-        return ", ".join(_run(*command).stdout.strip().partition("\n")[0] for command in commands)
 
     @contextmanager
     def project(self) -> Iterator[Project]:

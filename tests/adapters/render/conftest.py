@@ -27,7 +27,6 @@ from renderers.camera import Camera
 from renderers.drawlist import LABEL_NONE, DrawList
 from renderers.interface import Frame, Look, Output, Renderer
 from renderers.raster import CpuRenderer
-from tests.support.corpus import TABLE
 from tests.support.forms import gltf
 from tests.support.waiting import SECONDS
 
@@ -140,16 +139,6 @@ async def running(
 def start() -> Start:
     """``async with start(renderer, config, …) as server:``."""
     return running
-
-
-def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
-    """The corpus test shows its figures whether it passes or not."""
-    if TABLE:
-        terminalreporter.section("recorded requests of Drake's client, against RenderEngineVtk")
-        width = max(len(row.scene) for row in TABLE)
-        for row in sorted(TABLE, key=lambda row: (row.scene, row.kind)):
-            line = f"{row.scene:{width}}  {row.kind:5}  {row.figures:44}  {row.milliseconds:8.1f} ms"
-            terminalreporter.write_line(line)
 
 
 @pytest.fixture(scope="module")
