@@ -76,6 +76,16 @@ def quaternions_of(R: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.asarray(q / np.linalg.norm(q, axis=1, keepdims=True))
 
 
+def rotation_from_z(normal: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the shortest rotation from z to a unit vector, (3, 3); for -z, half a turn about x."""
+    x, y, z = normal.tolist()
+    sine_squared = x * x + y * y
+    if sine_squared == 0.0:
+        return np.diag((1.0, z, z))
+    k = 1.0 / (1.0 + z) if z > 0.0 else (1.0 - z) / sine_squared  # equal; neither cancels digits
+    return np.array(((1.0 - k * x * x, -k * x * y, x), (-k * x * y, 1.0 - k * y * y, y), (-x, -y, z)))
+
+
 def translation(x: float, y: float, z: float) -> Matrix:
     """Return a translation, metres."""
     matrix = np.eye(4)

@@ -35,6 +35,9 @@ CELL = """<robot name="cell">
   <link name="own"><visual><geometry><mesh filename="meshes/colored.obj"/></geometry>
     <material name="green"/></visual></link>
   <link name="box"><visual><geometry><box size="1 2 3"/></geometry><material name="green"/></visual></link>
+  <link name="tag"><visual><geometry><box size="1 2 3"/></geometry>
+    <material name="t"/></visual></link>
+  <joint name="e" type="fixed"><parent link="plain"/><child link="tag"/></joint>
   <joint name="a" type="fixed"><parent link="plain"/><child link="default"/></joint>
   <joint name="b" type="fixed"><parent link="plain"/><child link="textured"/></joint>
   <joint name="c" type="fixed"><parent link="plain"/><child link="own"/></joint>

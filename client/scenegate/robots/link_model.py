@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from scenegate.messages.geometry import Box, Capsule, Cylinder, Ellipsoid, Sphere
 from scenegate.robots.robot import Joint, without_invalid_mimics
 from scenegate.robots.robot_errors import RobotFileError
-from scenegate.transforms import IDENTITY, from_pose
+from scenegate.transforms import IDENTITY, from_pose, rotation_from_z
 
 LinkShape: TypeAlias = "Box | Sphere | Ellipsoid | Cylinder | Capsule | Cone | MeshReference"
 
@@ -175,21 +175,12 @@ def _rotations(axes: NDArray[np.float64], angles: NDArray[np.float64]) -> NDArra
 def _planar(normal: NDArray[np.float64], value: Sequence[float]) -> NDArray[np.float64]:
     """Return the motion of a planar joint, (4, 4): a translation in the plane, and a rotation about its unit normal.
 
-    As in Drake and MuJoCo, the plane's axes are x and y turned by the shortest rotation from z to the normal. For -z,
-    that is half a turn about x. ``value``: x and y in metres, angle in radians.
+    As in Drake and MuJoCo, the plane's axes are those of ``rotation_from_z``. ``value``: x and y in metres, angle in
+    radians.
     """
-    x, y, angle = value
-    n_x, n_y, n_z = normal.tolist()
-    sine_squared = n_x * n_x + n_y * n_y
-    if sine_squared == 0.0:
-        plane_x, plane_y = np.array((1.0, 0.0, 0.0)), np.array((0.0, n_z, 0.0))
-    else:
-        k = 1.0 / (1.0 + n_z) if n_z > 0.0 else (1.0 - n_z) / sine_squared  # equal; neither cancels digits
-        plane_x = np.array((1.0 - k * n_x * n_x, -k * n_x * n_y, -n_x))
-        plane_y = np.array((-k * n_x * n_y, 1.0 - k * n_y * n_y, -n_y))
     X = np.eye(4)
-    X[:3, :3] = _rotations(normal[None], np.array([angle]))[0]
-    X[:3, 3] = x * plane_x + y * plane_y
+    X[:3, :3] = _rotations(normal[None], np.array([value[2]]))[0]
+    X[:3, 3] = rotation_from_z(normal)[:, :2] @ value[:2]
     return X
 
 

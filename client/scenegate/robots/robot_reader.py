@@ -13,7 +13,7 @@ import msgspec
 import numpy as np
 
 from scenegate.messages.arguments import describe
-from scenegate.messages.geometry import Geometry, MeshGeometry, Transform
+from scenegate.messages.geometry import Box, Geometry, MeshGeometry, Transform
 from scenegate.messages.mesh_file import MeshFile, referenced_files
 from scenegate.regular_files import reason_of
 from scenegate.robots.link_model import Cone, Link, LinkGeometry, LinkKinematics, LinkModel, MeshReference
@@ -21,6 +21,7 @@ from scenegate.robots.robot import GeometryUse, Robot
 from scenegate.robots.robot_errors import RobotFileError, RobotFileLimits
 from scenegate.robots.robot_files import LinkFiles, RobotFiles, color_of
 from scenegate.robots.sdf import parse_sdf
+from scenegate.robots.textured_box import obj_file, textured_box
 from scenegate.robots.urdf import parse_urdf
 from scenegate.robots.xacro_args import XacroArgs, as_texts, expand_args, warn_of_unused
 from scenegate.robots.xml_text import Element, parse_xml, uses_xacro
@@ -150,8 +151,14 @@ class LinkGeometries:
                 transform=transform,
             )
             return
+        if texture is not None and isinstance(shape, Box):
+            data = obj_file(textured_box(0.5 * np.array(shape.lengths)))
+            yield MeshFile("box.obj", data=data, default_color=color, default_texture=texture, transform=transform)
+            return
         if texture is not None:
-            self._warnings.append(f"link {link!r}: its material's texture is not shown, only on meshes")
+            self._warnings.append(
+                f"link {link!r}: its material's texture is not shown, only on meshes, boxes and planes"
+            )
         if isinstance(shape, Cone):
             yield _cone(shape, color, transform)
         else:

@@ -22,7 +22,7 @@ from scenegate.robots.xml_text import (
     read_shape,
     sizes,
 )
-from scenegate.transforms import IDENTITY
+from scenegate.transforms import IDENTITY, rotation_from_z
 
 _GAZEBO_COLORS: Final[dict[str, tuple[float, float, float]]] = {
     "Black": (0.0, 0.0, 0.0),
@@ -117,18 +117,15 @@ def _shape(geometry: Element | None, where: str, warnings: list[str]) -> tuple[L
 
 
 def _plane(plane: Element, where: str, warnings: list[str]) -> tuple[Box, NDArray[np.float64]]:
-    """Return a plane as a box of height 0, and the (4, 4) rotation from +z to its normal."""
+    """Return a plane as a box of height 0, and the (4, 4) rotation from +z to its normal, as in Gazebo."""
     texts = children_as_attributes(plane)
     width, height = numbers(texts, "size", (1.0, 1.0), where, warnings)
     normal = np.array(numbers(texts, "normal", (0.0, 0.0, 1.0), where, warnings))
     length = float(np.linalg.norm(normal))
     if min(width, height) <= 0.0 or not 0.0 < length < np.inf:
         raise InvalidAttributeError("size and normal of <plane> must be above 0")
-    z = normal / length
-    x = np.cross((0.0, 1.0, 0.0) if abs(z[1]) < 0.9 else (0.0, 0.0, 1.0), z)
-    x /= np.linalg.norm(x)
     X = np.eye(4)
-    X[:3, :3] = np.column_stack((x, np.cross(z, x), z))
+    X[:3, :3] = rotation_from_z(normal / length)
     return Box((width, height, 0.0)), X
 
 

@@ -22,10 +22,12 @@ from gateway.scene.tree.geometry import Part, Surface
 from gateway.scene.tree.materials import mean_color
 from gateway.scene.tree.transforms import scaling, translation
 from renderers import primitives
-from renderers.drawlist import Image, ImageError, Material, Texture
+from renderers.drawlist import Image, ImageError, Material, Mesh, Texture
 from renderers.images import image_from_bytes
+from scenegate.messages.geometry import Box
 from scenegate.robots.link_model import Cone, Link, LinkGeometry, LinkMaterial, MeshReference
 from scenegate.robots.robot_files import LinkFiles, RobotFiles, color_of
+from scenegate.robots.textured_box import textured_box
 
 
 class LinkParts:
@@ -49,6 +51,9 @@ class LinkParts:
         if isinstance(shape, Cone):
             X_cone = translation(0.0, 0.0, 0.5 * shape.length) @ scaling(shape.radius, shape.radius, shape.length)
             return [Part(Surface(primitives.cone()), material, X @ X_cone)]
+        if isinstance(shape, Box) and textured.base_color_texture is not None:
+            box = textured_box(0.5 * np.array(shape.lengths))
+            return [Part(Surface(Mesh(box.positions, box.triangles, box.normals, uv0=box.uv)), textured, X)]
         if not isinstance(shape, MeshReference):
             return [Part(shape, material, X)]
         X = X @ scaling(*shape.scale)

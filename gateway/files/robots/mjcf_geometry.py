@@ -14,6 +14,7 @@ from renderers.drawlist import Mesh
 from scenegate.messages.geometry import Box, Capsule, Cylinder, Ellipsoid, Sphere
 from scenegate.robots.robot import GeometryUse
 from scenegate.robots.robot_errors import check_count
+from scenegate.robots.textured_box import textured_box
 
 COLLISION_GROUP: Final = 3
 """First group of collision geometry, by convention: MuJoCo's viewer hides this group and higher ones."""
@@ -29,7 +30,7 @@ _CUBE_MAP_FACES: Final = np.array(
         [(0, 0, -1), (-1, 0, 0), (0, -1, 0)],
     ]
 )
-"""Normal, direction of an image's columns and of its rows, for each face of a cube map, as in OpenGL."""
+"""Normal, direction of an image's rows and of its columns, for each face of a cube map, as in OpenGL."""
 
 _BOX_FACES: Final = np.array(
     [
@@ -114,9 +115,9 @@ class MjcfGeometry:
         if kind == kinds.mjGEOM_BOX:
             texels = self._materials.cube_map_texels(index)
             if use == "visual" and texels:
-                return Surface(_cube_mapped_box(np.array(size), texels, self._materials.cube_map_images(index))), True
+                return Surface(_cube_mapped_box(size, texels, self._materials.cube_map_images(index))), True
             if use == "visual" and self._materials.has_image(index):
-                box = _textured_box(np.array(size), _BOX_FACES)
+                box = _box_mesh(size, _BOX_FACES)
                 return Surface(_scaled_uv(box, self._materials.texture_repeats(index))), True
             return Box((2.0 * size[0], 2.0 * size[1], 2.0 * size[2])), False
         if kind == kinds.mjGEOM_ELLIPSOID:
@@ -212,33 +213,22 @@ def _scaled_uv(mesh: Mesh, repeats: NDArray[np.float64], offset: NDArray[np.floa
     return replace(mesh, uv0=np.nan_to_num(uv, posinf=0.0, neginf=0.0))
 
 
-def _cube_mapped_box(half_lengths: NDArray[np.float64], texels: int, images: int) -> Mesh:
+def _cube_mapped_box(half_lengths: list[float], texels: int, images: int) -> Mesh:
     """Return a box with half side lengths (3,), metres, whose faces show those of a cube map.
 
     The map has six ``images`` in one column, or one for all faces; ``texels``: their side length. Coordinates stay half
     a texel inside, so that no other face shows at edges.
     """
-    box = _textured_box(half_lengths, _CUBE_MAP_FACES)
+    box = _box_mesh(half_lengths, _CUBE_MAP_FACES)
     assert box.uv0 is not None
     uv = 0.5 + (box.uv0 - 0.5) * (1.0 - 1.0 / texels)
     uv[:, 1] = (uv[:, 1] + np.arange(6).repeat(4) % images) / images
     return replace(box, uv0=uv.astype(np.float32))
 
 
-def _textured_box(half_lengths: NDArray[np.float64], faces: NDArray[np.int64]) -> Mesh:
-    """Return a box with half side lengths (3,), metres; each of its ``faces`` shows a whole image."""
-    steps = np.array(((-1, -1), (-1, 1), (1, 1), (1, -1)))
-    normals, columns, rows = (faces[:, each, None] for each in range(3))
-    positions = (normals + columns * steps[:, :1] + rows * steps[:, 1:]) * half_lengths
-    quads = 4 * np.arange(6)[:, None] + np.arange(4)
-    mirrored = np.einsum("ij,ij->i", np.cross(faces[:, 2], faces[:, 1]), faces[:, 0]) < 0
-    quads[mirrored] = quads[mirrored, ::-1]  # anticlockwise from outside
-    return Mesh(
-        positions.reshape(-1, 3).astype(np.float32),
-        quads[:, [0, 1, 2, 0, 2, 3]].reshape(-1, 3).astype(np.uint32),
-        normals=np.repeat(normals, 4, axis=1).reshape(-1, 3).astype(np.float32),
-        uv0=np.tile((0.5 + 0.5 * steps).astype(np.float32), (6, 1)),
-    )
+def _box_mesh(half_lengths: list[float], faces: NDArray[np.int64]) -> Mesh:
+    box = textured_box(np.array(half_lengths), faces)
+    return Mesh(box.positions, box.triangles, box.normals, uv0=box.uv)
 
 
 def _unique_corners(corners: NDArray[Any]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:

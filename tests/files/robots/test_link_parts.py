@@ -109,7 +109,7 @@ def test_meshes_without_triangles_and_missing_textures_are_warnings(tmp_path: Pa
 
 
 def test_the_texture_of_a_material(tmp_path: Path) -> None:
-    """On a mesh with texture coordinates but without a material. Other geometry has the texture's mean colour."""
+    """On boxes, and meshes with texture coordinates but without a material. Others have the texture's mean colour."""
     pixels = np.array([[(255, 0, 0), (0, 0, 255)]], np.uint8)
     (tmp_path / "t.png").write_bytes(png_rgb(pixels))
     texture = '<material name="t"><color rgba="0 1 0 1"/><texture filename="t.png"/></material>'
@@ -121,8 +121,14 @@ def test_the_texture_of_a_material(tmp_path: Path) -> None:
     plain = part_of(tmp_path, TRIANGLE, "m.obj", material=texture).material
     assert plain.base_color_texture is None
     assert plain.base_color == pytest.approx(mean)
-    ((part,),) = read_robot(write(tmp_path, visual('<box size="1 1 1"/>', texture))).parts
+    ((part,),) = read_robot(write(tmp_path, visual('<sphere radius="1"/>', texture))).parts
     assert part.material == plain
+    ((part,),) = read_robot(write(tmp_path, visual('<box size="1 2 3"/>', texture))).parts
+    assert part.material == material
+    positions, uv = mesh_of(part).positions, mesh_of(part).uv0
+    right_face = positions[:, 0].reshape(6, 4).min(axis=1) == 0.5
+    top_left = np.where(np.all(uv == 0.0, axis=1).reshape(6, 4)[right_face])[1]
+    np.testing.assert_allclose(positions.reshape(6, 4, 3)[right_face][0, top_left], [(0.5, -1.0, 1.5)])
     (tmp_path / "t.png").write_bytes(b"no image")
     robot = read_robot(tmp_path / "robot.urdf")
     assert "the texture t.png of its material is not shown: " in robot.warnings[0]
@@ -134,7 +140,7 @@ def test_a_texture_in_an_older_format(tmp_path: Path, suffix: str) -> None:
     image = Image.new("RGB", (4, 4), (0, 0, 255))
     image.save(tmp_path / f"t.{suffix}")
     texture = f'<material name="t"><texture filename="t.{suffix}"/></material>'
-    robot = read_robot(write(tmp_path, visual('<box size="1 1 1"/>', texture)))
+    robot = read_robot(write(tmp_path, visual('<sphere radius="1"/>', texture)))
     assert robot.warnings == ()
     ((part,),) = robot.parts
     np.testing.assert_allclose(part.material.base_color, (0, 0, 1, 1), atol=0.01)
@@ -154,7 +160,7 @@ def test_a_texture_is_read_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch)
     box = f'<visual><geometry><box size="1 1 1"/></geometry>{texture}</visual>'
     first, second = read_robot(write(tmp_path, link(box + box))).parts[0]
     assert first.material == second.material
-    assert first.material.base_color == (0.0, 0.0, 0.0, 1.0)
+    assert not first.material.base_color_texture.image.decode()[..., :3].any()
     assert names.count("t.png") == 1
 
 
