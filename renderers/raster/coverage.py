@@ -53,22 +53,15 @@ def _sample_points(frame: RasterFrame, row: I64) -> F64x8x2:
     return vec.f64(0.0), (vec.f64(row) + lane) * vec.f64(float(SUBPIXEL)) + vec.f64(float(HALF_PIXEL))
 
 
-@inlined
-def _draw_span_with_rule(
-    frame: RasterFrame,
-    layer: Layer,
-    depth_rule: I64,
-    primitive: Primitive,
-    row: I64,
-    start: I64,
-    stop: I64,
-    base: Pixel,
+@device_function
+def _draw_span(
+    frame: RasterFrame, target: _Target, primitive: Primitive, row: I64, start: I64, stop: I64, base: Pixel
 ) -> None:
-    """Draw the pixels ``start .. stop`` of a row with a depth rule, best a constant; as ``_draw_span``.
+    """Draw the pixels ``start .. stop`` of a row.
 
     1/z is exact to float32 at the first pixel of every vector, wherever the span starts.
     """
-    dx = primitive.inv_z_dx
+    layer, depth_rule, dx = target.layer, target.depth_rule, primitive.inv_z_dx
     row_inv_z = primitive.inv_z_base + primitive.inv_z_dy * f64(row - base.y)
     inv_z_min, inv_z_max = vec.f32(primitive.inv_z_min), vec.f32(primitive.inv_z_max)
     ids, lane = vec.i32(primitive.id), vec.iota()
@@ -89,18 +82,6 @@ def _draw_span_with_rule(
             depth_test(frame, layer, depth_rule, pixel, inv_z, covered, ids)
             columns = columns + vec.i32(vec.LANES)
             pixel += vec.LANES
-
-
-@device_function
-def _draw_span(
-    frame: RasterFrame, target: _Target, primitive: Primitive, row: I64, start: I64, stop: I64, base: Pixel
-) -> None:
-    """Draw the pixels ``start .. stop`` of a row."""
-    # Inlined twice: with the constant IN_ORDER, the code of the other rules is dropped.
-    if target.depth_rule == IN_ORDER:
-        _draw_span_with_rule(frame, target.layer, IN_ORDER, primitive, row, start, stop, base)
-    else:
-        _draw_span_with_rule(frame, target.layer, target.depth_rule, primitive, row, start, stop, base)
 
 
 @inlined
@@ -144,10 +125,7 @@ def _draw_primitive(frame: RasterFrame, target: _Target, primitive: Primitive, f
     """Draw some rows of a Primitive or SmallTriangle."""
     if primitive.kind == KIND_SMALL:
         find_small_spans(frame, SmallTriangle(address(primitive)), first_row, end_row, target.small_spans)
-        if target.depth_rule == IN_ORDER:  # inlined twice, as in _draw_span
-            draw_small(frame, target.layer, IN_ORDER, target.small_spans)
-        else:
-            draw_small(frame, target.layer, target.depth_rule, target.small_spans)
+        draw_small(frame, target.layer, target.depth_rule, target.small_spans)
     elif not is_set(frame.stop):  # before each large one: it may take longer than hundreds of small ones
         _fill(frame, target, primitive, first_row, end_row)
 

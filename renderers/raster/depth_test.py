@@ -51,7 +51,7 @@ def depth_test(
     With the frame's ``highest_id_wins`` the layer's 1/z stays, and higher ids win.
 
     Args:
-        depth_rule: IN_ORDER, PEELED or ANY_ORDER; a constant makes faster code.
+        depth_rule: IN_ORDER, PEELED or ANY_ORDER.
         pixel: that of the first one. PEELED needs a layer of the whole image.
     """
     old_inv_z = vec.load_volatile(layer.inv_z, pixel)

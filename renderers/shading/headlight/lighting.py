@@ -26,7 +26,6 @@ from renderers.shading.layout import (
     UNLIT,
     PartPixels,
     ShadingContext,
-    ShadingMaterial,
 )
 from renderers.shading.material import (
     apply_normal_map,
@@ -41,12 +40,9 @@ _colors = stack_array(I32, vec.LANES)
 
 
 @inlined
-def _base_color(material: ShadingMaterial, pixels: PartPixels, has_rows: bool, pixel: I64) -> F32x8x3:
-    """Return the base colour of eight pixels: from the rows ``base_color`` if they are filled, else the material's
-    factor."""
-    if has_rows:
-        return load3(pixels.base_color, pixel, ROW_STRIDE)
-    return broadcast3(material.base_color, 0)
+def _base_color(factor: F32x8x3, pixels: PartPixels, has_rows: bool, pixel: I64) -> F32x8x3:
+    """Return the base colour of eight pixels: from the rows ``base_color`` if they are filled, else the factor."""
+    return load3(pixels.base_color, pixel, ROW_STRIDE) if has_rows else factor
 
 
 @inlined
@@ -92,11 +88,10 @@ def _shade_unlit(
 ) -> None:
     """Show the base colour."""
     direct, material, pixels = job.mode == DIRECT, context.material, context.pixels
-    is_linear = material.encodes_gamma != 0
+    is_linear, factor = material.encodes_gamma != 0, broadcast3(material.base_color, 0)
     for pixel in range(0, count, vec.LANES):
-        _store_pixels(
-            job, pixels, is_linear, direct, packed_row, begin, pixel, _base_color(material, pixels, has_rows, pixel)
-        )
+        color = _base_color(factor, pixels, has_rows, pixel)
+        _store_pixels(job, pixels, is_linear, direct, packed_row, begin, pixel, color)
 
 
 @inlined
@@ -110,10 +105,10 @@ def _shade_lambert(
     job: HeadlightInputs, context: ShadingContext, has_rows: bool, begin: I64, count: I64, packed_row: Pointer[I32]
 ) -> None:
     """Show the base colour times ``_headlight_cosine`` (Lambert)."""
-    direct, material, pixels = job.mode == DIRECT, context.material, context.pixels
+    direct, pixels, factor = job.mode == DIRECT, context.pixels, broadcast3(context.material.base_color, 0)
     for pixel in range(0, count, vec.LANES):
         cosine = _headlight_cosine(load3(pixels.normal, pixel, ROW_STRIDE))
-        color = times(_base_color(material, pixels, has_rows, pixel), cosine)
+        color = times(_base_color(factor, pixels, has_rows, pixel), cosine)
         _store_pixels(job, pixels, False, direct, packed_row, begin, pixel, color)
 
 
@@ -151,14 +146,14 @@ def _shade_pbr(
     metallic_factor, inv_pi = vec.f32(material.metallic), vec.f32(1.0 / math.pi)
     has_roughness_map, has_emissive_map = material.metallic_roughness_texture >= 0, material.emissive_texture >= 0
     # A loop of its own: short bodies, so that a processor overlaps their iterations.
-    emissive_factor = broadcast3(material.emissive, 0)
+    base_factor, emissive_factor = broadcast3(material.base_color, 0), broadcast3(material.emissive, 0)
     direct = job.mode == DIRECT
     for pixel in range(0, count, vec.LANES):
         n_l, specular, fresnel = load3(pixels.normal, pixel, ROW_STRIDE)
         metallic = metallic_factor
         if has_roughness_map:
             metallic = metallic * vec.load(pixels.metallic_roughness, 2 * ROW_STRIDE + pixel)
-        diffuse, f0, f90_minus_f0 = vtk_colors(_base_color(material, pixels, has_rows, pixel), metallic)
+        diffuse, f0, f90_minus_f0 = vtk_colors(_base_color(base_factor, pixels, has_rows, pixel), metallic)
         unoccluded = vec.f32(1.0)
         if not has_camera_light:
             unoccluded = unoccluded_share(material, pixels, pixel)
