@@ -17,9 +17,10 @@ from numpy.typing import NDArray
 from renderers.compiler.device_function import inlined
 from renderers.compiler.jit import kernel
 from renderers.compiler.kernel_calls import is_set
-from renderers.compiler.kernel_types import F32, F64, I64, U32, U64, Address, Pointer, f32, f64, i64, u64
+from renderers.compiler.kernel_types import F32, F64, I64, U32, Address, Pointer, f32, f64, i64, u64
 from renderers.compiler.pointers import address_of, f32_at, f64_at, i64_at, u32_at
 from renderers.shading.vec3 import cross, dot
+from renderers.splitmix import GAMMA, mix
 from renderers.stop import current_stop
 
 NEAR_ZERO: Final = 2.0**-40
@@ -29,16 +30,7 @@ compute as 2e-16; as 0, it meets the start of the ring."""
 _BLOCK: Final = 1 << 16
 """Vertices or triangles between two checks of the stop flag: a mesh of millions takes a second."""
 
-_HASH_SEED: Final = u64(0x9E3779B97F4A7C15)
 Bounds = tuple[float, float, float, float, float, float]
-
-
-@inlined
-def _hash(value: U64) -> U64:
-    """Return splitmix64's finalizer of a uint64."""
-    value = (value ^ (value >> u64(30))) * u64(0xBF58476D1CE4E5B9)
-    value = (value ^ (value >> u64(27))) * u64(0x94D049BB133111EB)
-    return value ^ (value >> u64(31))
 
 
 @inlined
@@ -125,9 +117,9 @@ def _clean_and_hash(
             changed = changed | (is_zero & (value != f32(0.0)))
             cleaned[3 * k + axis] = f32(0.0) if is_zero else value
         xy_bits = u64(bits[3 * k]) | (u64(bits[3 * k + 1]) << u64(32))
-        first_hash = _hash(_hash(xy_bits + _HASH_SEED) + u64(bits[3 * k + 2]))
+        first_hash = mix(mix(xy_bits + GAMMA) + u64(bits[3 * k + 2]))
         hashes[2 * k] = i64(first_hash)
-        hashes[2 * k + 1] = i64(_hash(first_hash + _HASH_SEED))
+        hashes[2 * k + 1] = i64(mix(first_hash + GAMMA))
     return changed
 
 

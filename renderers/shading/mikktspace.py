@@ -18,9 +18,10 @@ from numpy.typing import NDArray
 from renderers.compiler.device_function import device_function, inlined
 from renderers.compiler.jit import kernel
 from renderers.compiler.kernel_calls import is_set
-from renderers.compiler.kernel_types import F64, I64, U64, Address, Array1, Array2, u64
+from renderers.compiler.kernel_types import F64, I64, Address, Array1, Array2, u64
 from renderers.drawlist import Mesh, Topology
 from renderers.shading.vec3 import dot, minus, times
+from renderers.splitmix import GAMMA, mix
 from renderers.stop import current_stop
 
 _BLOCK: Final = 1 << 14
@@ -116,14 +117,6 @@ def _hash_table(count: int) -> NDArray[np.int64]:
     return np.full(1 << max(2 * count - 1, 1).bit_length(), -1, np.int64)
 
 
-@inlined
-def _hash(value: U64) -> U64:
-    """Return splitmix64's finalizer of a uint64."""
-    value = (value ^ (value >> u64(30))) * u64(0xBF58476D1CE4E5B9)
-    value = (value ^ (value >> u64(27))) * u64(0x94D049BB133111EB)
-    return value ^ (value >> u64(31))
-
-
 @kernel
 def _find_equal_rows(
     rows: Array2[np.int64], first_equal: Array1[np.int64], table: Array1[np.int64], stop_address: Address
@@ -135,7 +128,7 @@ def _find_equal_rows(
             return
         key = u64(0)
         for c in range(rows.shape[1]):
-            key = _hash(key + u64(rows[k, c]) + u64(0x9E3779B97F4A7C15))
+            key = mix(key + u64(rows[k, c]) + GAMMA)
         slot = key & mask
         candidate = table[slot]
         while candidate >= 0:
@@ -223,7 +216,7 @@ def _group_corners(
             return
         edge_end = _next_corner(edge)
         low, high = min(welded[edge], welded[edge_end]), max(welded[edge], welded[edge_end])
-        slot = _hash(_hash(u64(low) + u64(0x9E3779B97F4A7C15)) + u64(high)) & mask
+        slot = mix(mix(u64(low) + GAMMA) + u64(high)) & mask
         candidate = table[slot]
         while candidate >= 0:
             a, b = welded[candidate], welded[_next_corner(candidate)]

@@ -13,15 +13,13 @@ from numpy.typing import NDArray
 
 from renderers.compiler.device_function import inlined
 from renderers.compiler.kernel_types import I64, U64, u64
+from renderers.splitmix import GAMMA, mix
 
 
 @inlined
 def random64(key: U64, counter: I64) -> U64:
-    """Return 64 random bits for a key and a counter (splitmix64, Steele et al. 2014)."""
-    bits = key + u64(counter) * u64(0x9E3779B97F4A7C15)
-    bits = (bits ^ (bits >> u64(30))) * u64(0xBF58476D1CE4E5B9)
-    bits = (bits ^ (bits >> u64(27))) * u64(0x94D049BB133111EB)
-    return bits ^ (bits >> u64(31))
+    """Return 64 random bits for a key and a counter."""
+    return mix(key + u64(counter) * GAMMA)
 
 
 def _normal_table() -> NDArray[np.float32]:
