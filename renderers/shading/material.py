@@ -11,9 +11,9 @@ from renderers.compiler.kernel_types import I64
 from renderers.compiler.simd import F32x8
 from renderers.shading.gamma import decode_gamma
 from renderers.shading.layout import HAS_COLORS, HAS_TANGENTS, ROW_STRIDE, PartPixels, ShadingContext, ShadingMaterial
-from renderers.shading.materials import COLORS_DECODE, COLORS_REPLACE
+from renderers.shading.materials import ALPHA_BLEND, ALPHA_MASK, COLORS_DECODE, COLORS_REPLACE
 from renderers.shading.sampling import sample
-from renderers.shading.vec3 import cross, dot, load3, scale_to, select3, store3, times
+from renderers.shading.vec3 import cross, dot, load3, saturate, scale_to, select3, store3, times
 
 
 @inlined
@@ -47,6 +47,17 @@ def fill_base_color(context: ShadingContext, count: I64, with_alpha: bool) -> No
             if is_textured:
                 value = value * vec.load(pixels.base_color, k * ROW_STRIDE + pixel)
             vec.store(pixels.base_color, k * ROW_STRIDE + pixel, value)
+
+
+@inlined
+def opacity(material: ShadingMaterial, alpha: F32x8) -> F32x8:
+    """Return the share of a surface in a pixel's colour, by its alpha mode; NaN is opaque."""
+    one = vec.f32(1.0)
+    if material.alpha_mode == ALPHA_BLEND:
+        return vec.select(alpha == alpha, saturate(alpha), one)
+    if material.alpha_mode == ALPHA_MASK:
+        return vec.select(alpha < vec.f32(material.alpha_cutoff), vec.f32(0.0), one)
+    return one
 
 
 @device_function

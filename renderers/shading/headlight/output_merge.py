@@ -16,7 +16,7 @@ from renderers.shading.gamma import byte_from_unit, decode_gamma, encode_gamma
 from renderers.shading.headlight.layout import DIRECT, UNDER, HeadlightInputs
 from renderers.shading.layout import ROW_STRIDE, ShadingContext
 from renderers.shading.level_cells import encoded_pixels
-from renderers.shading.materials import ALPHA_BLEND, ALPHA_MASK
+from renderers.shading.material import opacity
 from renderers.shading.vec3 import load3, saturate
 
 
@@ -76,18 +76,11 @@ def gather(job: HeadlightInputs, context: ShadingContext, begin: I64, end: I64) 
     Their colour and alpha are in the rows ``base_color`` of PartPixels.
     """
     gathered, channel_size = _gathered_row(job, context.y)
-    pixels, alpha_mode, cutoff = context.pixels, context.material.alpha_mode, context.material.alpha_cutoff
-    is_linear = context.material.encodes_gamma != 0
+    material, pixels, is_linear = context.material, context.pixels, context.material.encodes_gamma != 0
     zero, one, lane = vec.f32(0.0), vec.f32(1.0), vec.iota()
     for x in range(begin, end, vec.LANES):
         transmittance = vec.load_volatile(gathered, 3 * channel_size + x)  # volatile: no masked stores, see ``simd``
-        alpha = vec.load(pixels.base_color, 3 * ROW_STRIDE + x - begin)
-        if alpha_mode == ALPHA_BLEND:
-            alpha = vec.select(alpha == alpha, saturate(alpha), one)  # NaN is opaque
-        elif alpha_mode == ALPHA_MASK:
-            alpha = vec.select(alpha < vec.f32(cutoff), zero, one)
-        else:
-            alpha = one
+        alpha = opacity(material, vec.load(pixels.base_color, 3 * ROW_STRIDE + x - begin))
         share = transmittance * alpha
         is_added = (lane < vec.i32(end - x)) & (share > zero)
         for k in range(3):

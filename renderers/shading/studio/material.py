@@ -8,8 +8,7 @@ from renderers.compiler import simd as vec
 from renderers.compiler.device_function import device_function
 from renderers.compiler.kernel_types import I64
 from renderers.shading.layout import ROW_STRIDE, UNLIT, PartPixels, ShadingContext, ShadingMaterial
-from renderers.shading.material import apply_normal_map, fill_base_color, sample_maps, unoccluded_share
-from renderers.shading.materials import ALPHA_MASK, ALPHA_OPAQUE
+from renderers.shading.material import apply_normal_map, fill_base_color, opacity, sample_maps, unoccluded_share
 from renderers.shading.sampling import sample
 from renderers.shading.studio.layout import StudioSurfaces
 from renderers.shading.vec3 import broadcast3, load3, multiply3, saturate, scale_to, store3, times
@@ -36,7 +35,9 @@ def fill_surfaces(context: ShadingContext, fill: I64, count: I64, surfaces: Stud
     material, pixels = context.material, context.pixels
     fill_base_color(context, count, fill != COLOR)
     if fill != COLOR:
-        _fill_alpha(material, pixels, count, surfaces, first)
+        for pixel in range(0, count, vec.LANES):
+            alpha = opacity(material, vec.load(pixels.base_color, 3 * ROW_STRIDE + pixel))
+            vec.store(surfaces.alpha, first + pixel, alpha)
         if fill == ALPHA:
             return False
     if material.lighting == UNLIT:
@@ -50,23 +51,6 @@ def fill_surfaces(context: ShadingContext, fill: I64, count: I64, surfaces: Stud
     _fill_metallic_roughness(material, pixels, count, surfaces, first)
     _fill_dielectric(context, material, pixels, count, surfaces, first)
     return True
-
-
-@device_function
-def _fill_alpha(
-    material: ShadingMaterial, pixels: PartPixels, count: I64, surfaces: StudioSurfaces, first: I64
-) -> None:
-    """Fill the row ``alpha`` according to the material's alpha mode."""
-    zero, one = vec.f32(0.0), vec.f32(1.0)
-    for pixel in range(0, count, vec.LANES):
-        alpha = vec.load(pixels.base_color, 3 * ROW_STRIDE + pixel)
-        if material.alpha_mode == ALPHA_OPAQUE:
-            alpha = one
-        elif material.alpha_mode == ALPHA_MASK:
-            alpha = vec.select(alpha < vec.f32(material.alpha_cutoff), zero, one)
-        else:
-            alpha = vec.select(alpha == alpha, saturate(alpha), one)  # NaN is opaque
-        vec.store(surfaces.alpha, first + pixel, alpha)
 
 
 @device_function
