@@ -143,8 +143,7 @@ def _smooth_pixel(
 
 @inlined
 def _mean_of_nine(source: Pointer[U8], rows: tuple[I64, I64, I64], columns: tuple[I64, I64, I64], k: I64) -> F32:
-    """Return the mean of channel ``k`` over 3 x 3 pixels, given the indices of the rows' first pixels, and the
-    columns."""
+    """Return the mean of channel ``k`` over 3 x 3 pixels; ``rows``: indices of the rows' first pixels."""
     total = i32(0)
     for row in rows:
         for column in columns:

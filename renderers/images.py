@@ -292,8 +292,7 @@ _PNG_CHANNELS: Final = {0: 1, 2: 3, 3: 1, 4: 2, 6: 4}
 
 
 def _transparent_grey(chunks: _PngChunks) -> int | None:
-    """Return the transparent grey level of a PNG (chunk tRNS, which OpenCV ignores), at OpenCV's bit depth; None: none
-    is."""
+    """Return the transparent grey level of a PNG at OpenCV's bit depth (chunk tRNS, which OpenCV ignores), or None."""
     data = b"".join(chunk[8:-4] for chunk in chunks[b"tRNS"])
     if len(data) < 2:
         return None

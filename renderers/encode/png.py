@@ -47,8 +47,7 @@ def png_gray16(image: NDArray[np.uint16]) -> bytes:
 
 
 def png_label(labels: NDArray[np.uint32]) -> bytes:
-    """Return an 8 bit truecolour PNG of (H, W) uint32 labels: red is the low byte, blue the third; the top byte is
-    lost."""
+    """Return an 8 bit truecolour PNG of (H, W) uint32 labels, without their top byte: red is the low byte."""
     little_endian = _checked(labels, 1, np.uint32).astype("<u4", copy=False)
     rgba = little_endian.view(np.uint8).reshape(*labels.shape, 4)
     return png_rgb(np.asarray(cv2.cvtColor(rgba, cv2.COLOR_RGBA2RGB), dtype=np.uint8))

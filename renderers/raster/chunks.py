@@ -21,8 +21,7 @@ def bin_range(first_row: I64, end_row: I64, base_bin: I64) -> tuple[I64, I64]:
 
 @inlined
 def base_bin_of(frame: RasterFrame, is_culled: bool) -> I64:
-    """Return the bin of the image's first band for a primitive; -1: it is dropped. ``is_culled``: it may be kept for
-    later."""
+    """Return the bin of the image's first band for a primitive; -1: it is culled, and not kept for later."""
     if not is_culled:
         return 0
     return frame.first_back_bin if frame.first_back_bin != 0 else -1

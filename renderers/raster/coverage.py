@@ -145,8 +145,7 @@ def _clear_rows(frame: RasterFrame, layer: Layer, first_row: I64, end_row: I64) 
 
 @device_function
 def _draw_pixels(frame: RasterFrame, target: _Target, chunk: Chunk, begin: I64, end: I64) -> None:
-    """Draw a chunk's pixels of tiny triangles from ``begin`` to ``end``, which are values as in
-    Chunk.fragment_pixels."""
+    """Draw a chunk's pixels of tiny triangles whose Chunk.fragment_pixels are ``begin .. end``."""
     layer, depth_rule = target.layer, target.depth_rule
     layer_begin = layer.first_row * frame.stride
     for k in range(0, chunk.fragment_count, vec.LANES):

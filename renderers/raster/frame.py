@@ -185,8 +185,7 @@ class FrameJob:
         return np.flatnonzero(np.cumsum(begun - ended)).astype(np.int32)
 
     def sampled_task(self, bands: int, memory: object, shader: SampledShader) -> Task:
-        """``task`` for several samples per pixel; ``bands``: address of a SampleBand for each thread, ``memory``:
-        theirs."""
+        """``task`` for several samples per pixel; ``bands``: address of a SampleBand for each thread, in ``memory``."""
         self._keep += [memory, shader]
         frame = self._frame
         frame["draw_kernel"], frame["edges_kernel"] = kernel_address(draw_samples), kernel_address(find_edges)

@@ -11,8 +11,7 @@ from renderers.shading.vec3 import cofactor, determinant
 
 @device_function
 def _is_unclipped_convex(frame: RasterFrame, m: Pointer[F64], instance: RasterInstance) -> bool:
-    """Return whether a mesh is convex, and its box, at the pose ``m``, beyond the near plane and within the guard
-    band."""
+    """Return whether a mesh is convex, and its box at the pose ``m`` beyond the near plane and in the guard band."""
     center, half = instance.box_center, instance.box_half_extents
     # Over the box, in the camera's frame: limits of |x| and |y|, and the least z.
     max_x, max_y, min_z = abs(m[3]), abs(m[7]), m[11]

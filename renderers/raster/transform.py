@@ -22,8 +22,7 @@ _vertex_array = stack_array(F32, 4 * vec.LANES)
 
 @inlined
 def _affine_row(row: Pointer[F64], x: F64x8, y: F64x8, z: F64x8) -> F64x8:
-    """Return a coordinate of eight points, transformed by a row of an affine matrix, whose last value is the
-    translation."""
+    """Return a coordinate of eight points, transformed by a row of an affine matrix, translation last."""
     return vec.f64(row[0]) * x + vec.f64(row[1]) * y + vec.f64(row[2]) * z + vec.f64(row[3])
 
 

@@ -25,8 +25,7 @@ _MIN_LINEAR_BITS: Final = int(_MIN_LINEAR.view(np.int32))
 
 
 def _gamma_from_linear() -> NDArray[np.float32]:
-    """Return ``c^(1/2.2)`` of every 2^16th float32 from _MIN_LINEAR to 1, (5122,), with one more for interpolation at
-    1."""
+    """Return ``c^(1/2.2)`` of every 2^16th float32 from _MIN_LINEAR to 1, and once more for interpolation, (5122,)."""
     linear = cell_starts(_MIN_LINEAR).view(np.float32).astype(np.float64)
     encoded: NDArray[np.float32] = (linear ** (1.0 / GAMMA)).astype(np.float32)
     encoded[0] = 0.0
@@ -51,7 +50,7 @@ def byte_from_unit(c: F32x8) -> I32x8:
 
 @inlined
 def decode_gamma(c: F32x8, linear_from_gamma: Pointer[F32]) -> F32x8:
-    """Return ``c^2.2``, clamped to 0 .. 1 (NaN to 0), with an error of at most 1e-7, by the table LINEAR_FROM_GAMMA."""
+    """Return ``c^2.2``, clamped to 0 .. 1 (NaN to 0), within 1e-7, by the table LINEAR_FROM_GAMMA."""
     step = saturate(c) * vec.f32(float(_STEPS))
     cell = vec.to_i32(step)
     low, high = vec.gather(linear_from_gamma, cell), vec.gather(linear_from_gamma, cell + vec.i32(1))
@@ -60,8 +59,7 @@ def decode_gamma(c: F32x8, linear_from_gamma: Pointer[F32]) -> F32x8:
 
 @inlined
 def encode_gamma(c: F32x8, gamma_from_linear: Pointer[F32]) -> F32x8:
-    """Return ``c^(1/2.2)``, clamped to 0 .. 1 (NaN to 0), with an error of at most 2e-6, by the table
-    GAMMA_FROM_LINEAR."""
+    """Return ``c^(1/2.2)``, clamped to 0 .. 1 (NaN to 0), within 2e-6, by the table GAMMA_FROM_LINEAR."""
     c = vec.minimum(vec.maximum(c, vec.f32(_MIN_LINEAR)), vec.f32(1.0))
     bits = vec.float_bits(c) - vec.i32(_MIN_LINEAR_BITS)
     cell = bits >> vec.i32(CELL_BITS)

@@ -124,8 +124,7 @@ def vertex_color_rule(material: Material, look: LookName) -> int:
 
 
 def reflectance(ior: float) -> float:
-    """Return the reflectance at normal incidence of a dielectric in air (KHR_materials_ior); ``ior`` 0: total
-    reflection."""
+    """Return the reflectance of a dielectric in air at normal incidence (KHR_materials_ior); ``ior`` 0: of a mirror."""
     return 1.0 if ior == 0.0 else ((ior - 1.0) / (ior + 1.0)) ** 2
 
 

@@ -17,8 +17,8 @@ MAGNIFIED: Final = -1
 
 @inlined
 def is_minified(texture: ShadingTexture, squared_side: F32x8) -> Mask8:
-    """Return a mask of the pixels that see more than a texel of level 0, by the squared longer side of their
-    footprints."""
+    """Return a mask of the pixels that see more than a texel of level 0; ``squared_side``: longer side of what they
+    see."""
     # With a linear magnifying and a nearest minifying filter, minification begins at half a level (OpenGL 4.6, 8.14).
     begins_late = texture.mag_linear != 0 and texture.min_linear == 0 and texture.mip_mode != MIPS_NONE
     return squared_side > vec.f32(2.0 if begins_late else 1.0)
@@ -26,8 +26,7 @@ def is_minified(texture: ShadingTexture, squared_side: F32x8) -> Mask8:
 
 @inlined
 def mip_levels(texture: ShadingTexture, squared_side: F32x8) -> tuple[I32x8, F32x8]:
-    """Return the mip levels that the sampler selects for eight minified pixels, and the weight, 0 .. 1, of the next
-    ones."""
+    """Return the mip levels that the sampler selects for eight minified pixels, and the next ones' weights, 0 .. 1."""
     level, next_level_weight = vec.i32(0), vec.f32(0.0)
     if texture.mip_mode != MIPS_NONE:
         # log2 of the side, the level whose texels are as large as the footprint.

@@ -93,8 +93,7 @@ def _has_alpha(material: Material) -> bool:
 
 
 def prepare(instances: Sequence[Instance], look: LookName, parallel: Parallel | None = None) -> ShadingScene:
-    """Return the tables of a draw list's instances, in their order. Decodes the images that the look needs, in
-    parallel.
+    """Return the tables of a draw list's instances, in their order. Decodes images that the look needs, in parallel.
 
     Raises:
         ImageError: an image cannot be decoded.
@@ -164,7 +163,10 @@ class ShadingJob:
         reads_positions: bool = False,
         reads_flat_normals: bool = False,
     ) -> None:
-        """Args: first_ids, X_camera_mesh: addresses of the arrays of these names in ``Visibility``."""
+        """
+        Args:
+            first_ids, X_camera_mesh: addresses of the arrays of these names in ``Visibility``.
+        """
         count = len(shading.transparent)
         matrices, job = np.empty(len(shading.instances), InstanceMatrices.dtype), np.empty(1, ShadingInputs.dtype)
         matrices_address = address_of(matrices, InstanceMatrices.dtype)

@@ -45,8 +45,7 @@ class Rays(NamedTuple):
 
 @inlined
 def rays_of(inputs: ShadingInputs, y: I64, first_column: I32x8, steps_to_last: F64x8) -> Rays:
-    """Return the Rays of spans in row ``y`` of the image, from ``first_column`` to ``steps_to_last`` pixels further
-    on."""
+    """Return the Rays of spans in row ``y`` of the image, which are ``steps_to_last`` + 1 pixels long."""
     pixel_width, pixel_height = vec.f64(1.0 / inputs.fx), vec.f64(1.0 / inputs.fy)  # in the plane z = 1
     first_x = (vec.to_f64(first_column) + vec.f64(0.5 - inputs.cx)) * pixel_width
     ray_y = vec.f64(y + 0.5 - inputs.cy) * pixel_height

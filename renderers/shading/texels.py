@@ -208,8 +208,7 @@ def _unit_channel(a: I32x8, b: I32x8, c: I32x8, d: I32x8, tx: F32x8, ty: F32x8, 
 def read_texels(
     fields: TextureFields, offsets: Pointer[I32], weights: Pointer[F32], pixel: I64, with_alpha: bool
 ) -> F32x8x4:
-    """Return RGBA, 0 .. 1, of eight pixels from the texels that ``locate`` has stored; A is 1 without
-    ``with_alpha``."""
+    """Return RGBA, 0 .. 1, of eight pixels from the texels of ``locate``; A is 1 without ``with_alpha``."""
     tx, ty = vec.load(weights, pixel), vec.load(weights, ROW_STRIDE + pixel)
     alpha = vec.f32(1.0)
     if fields.srgb:

@@ -33,8 +33,7 @@ class TextureTable:
         """Arrays that the addresses in ``structs`` point into."""
 
     def index_of(self, texture: Texture, srgb: bool) -> int:
-        """Return the index of a texture, which is added if it is new; ``srgb``: its colours are decoded to linear
-        light."""
+        """Return the index of a texture, which is added if it is new; ``srgb``: decode its colours to linear light."""
         return self._indices.setdefault((texture, srgb), len(self._indices))
 
     def structs(self, parallel: Parallel | None = None) -> NDArray[Any]:

@@ -143,8 +143,7 @@ class StereoModel:
     def camera(
         self, X_world_left: NDArray[np.float64], *, offset: float, divisor: int, near: float, far: float
     ) -> Camera:
-        """Return the pinhole camera at ``offset`` metres along the left camera's x axis (0: left, the baseline:
-        right)."""
+        """Return the pinhole camera at ``offset`` metres along the left camera's x axis: 0 left, the baseline right."""
         k = self.intrinsics(divisor)
         pose = X_world_left.copy()
         pose[:3, 3] += X_world_left[:3, 0] * offset

@@ -35,8 +35,7 @@ def _load_instance(frame: RasterFrame, primitive_id: I64, cache: InstanceCache) 
 
 @inlined
 def share_smooth_edge(frame: RasterFrame, a: I64, b: I64, cache: InstanceCache) -> bool:
-    """Return whether two primitives, given by their ids, are triangles with normals of one instance that share an
-    edge."""
+    """Return whether two primitives (ids) are triangles with normals of one instance that share an edge."""
     if a < cache.first_id or a >= cache.end_id:
         _load_instance(frame, a, cache)
     if b < cache.first_id or b >= cache.end_id or cache.indices == 0:

@@ -168,8 +168,7 @@ def _draw_block(
     scratch: SampleScratch,
     count: I64,
 ) -> I64:
-    """Draw the whole pixels of a block column, append its other pixels to ``count`` edge pixels, and return their
-    number.
+    """Draw the whole pixels of a block column; append its other ones to ``count`` edge pixels, and return their number.
 
     Args:
         top: first row that is drawn, to which ``edges.top`` belongs.

@@ -119,8 +119,7 @@ def _open_slot(frame: RasterFrame, band: SampleBand, slot_count: I64, pixel: I64
 def merge_samples(
     frame: RasterFrame, band: SampleBand, slot_count: I64, pixel: I64, inv_z: F32x8, covered: Mask8, ids: I32x8
 ) -> I64:
-    """Write those of a pixel's covered samples that are not behind what is stored; return the new number of slots in
-    use.
+    """Write those of a pixel's covered samples that are not behind what is stored; return the number of slots in use.
 
     Without a branch: which samples are, and whether the pixel was empty, cannot be predicted.
     """

@@ -56,8 +56,7 @@ def _store_pixels(
     pixel: I64,
     rgb: F32x8x3,
 ) -> None:
-    """Store eight shaded pixels: packed if ``direct``, else in the rows ``base_color``. ``is_linear``: see
-    ``write_pixels``."""
+    """Store eight shaded pixels: packed if ``direct`` (see ``write_pixels``), else in the rows ``base_color``."""
     if direct:
         write_pixels(job, is_linear, packed_row, begin + pixel, rgb[0], rgb[1], rgb[2])
     else:

@@ -99,9 +99,12 @@ class HeadlightJob:
         gathered: int = 0,
         frame: Frame = _NO_IMAGES,
     ) -> None:
-        """Args: first_ids, X_camera_mesh: addresses of the arrays of these names in ``Visibility``. stride: number of
-        values from one row of primitive ids to the next. color: address of the image, (H, W, 3) uint8, or of
-        ``frame.roots``."""
+        """
+        Args:
+            first_ids, X_camera_mesh: addresses of the arrays of these names in ``Visibility``.
+            stride: number of values from one row of primitive ids to the next.
+            color: address of the image, (H, W, 3) uint8, or of ``frame.roots``.
+        """
         if shading.look != look.name:
             raise ValueError(f"the scene was prepared for the look {shading.look!r}, not {look.name!r}")
         light = CameraLightJob(look.camera_light, camera) if look.camera_light is not None else None

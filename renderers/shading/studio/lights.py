@@ -72,8 +72,7 @@ def _spot_falloff(light: Light) -> tuple[float, float]:
 
 
 def light_structs(lights: Sequence[Light], shadow_maps: Sequence[int], camera: Camera) -> NDArray[Any]:
-    """Return an array of StudioLight, at least one; ``shadow_maps``: each light's index among the shadow maps, or
-    -1."""
+    """Return an array of StudioLight, at least one; ``shadow_maps``: index of each light's shadow map, or -1."""
     X_camera_world = camera.X_camera_world
     structs = np.zeros(max(len(lights), 1), StudioLight.dtype)
     # Without lights, one struct is left as it is: zeros.

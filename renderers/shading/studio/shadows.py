@@ -119,8 +119,7 @@ def metres_per_pixel(points: NDArray[np.float64], camera: Camera) -> float:
 
 
 def light_camera(light: Light, points: NDArray[np.float64], max_side: int, pixel_metres: float) -> Camera | None:
-    """Return the camera of a light's map, fitted to points (n, 3) of the world; ``max_side``, ``pixel_metres``: see
-    map_side.
+    """Return the camera of a light's map, fitted to points (n, 3) of the world; further arguments: as ``map_side``.
 
     It is None for point lights, and for lights that reach none of the points.
     """
@@ -179,8 +178,7 @@ def _map_camera(
 def shadow_map_of(
     rasterizer: Rasterizer, scene: DrawList, camera: Camera, transparent: NDArray[np.bool_], solid_pixels: SolidPixels
 ) -> ShadowMap:
-    """Return the map for a light's camera, from the cache if possible; ``transparent``: instances that may be cut
-    out."""
+    """Return the map for a light's camera, cached if possible; ``transparent``: instances that may be cut out."""
     for known in _maps.get(scene) or ():
         is_same = (known.camera.width, known.camera.fx, known.camera.near) == (camera.width, camera.fx, camera.near)
         if is_same and np.array_equal(known.camera.X_world_camera, camera.X_world_camera):

@@ -156,8 +156,7 @@ def with_texture(disparity: NDArray[np.uint16], features: NDArray[np.float32]) -
 def error_and_confidence(
     features: NDArray[np.float32], disparity: NDArray[np.uint16]
 ) -> tuple[NDArray[np.uint8], NDArray[np.uint8]]:
-    """Return error, units of 1/16 pixel, and confidence, units of 1/255, (H, W) uint8 each; 0 where there is no
-    match."""
+    """Return error, 1/16 pixel, and confidence, 1/255, (H, W) uint8 each; 0 where there is no match."""
     content = tables()
     error, confidence = np.empty(disparity.shape, np.uint8), np.empty(disparity.shape, np.uint8)
     _write_error(features, disparity, _ERROR_BORDERS, content.error, error)

@@ -52,8 +52,7 @@ _FULL_SHARE: Final = np.ones((1, 1), np.float32)
 
 @cache
 def _pattern_levels() -> tuple[NDArray[np.uint8], ...]:
-    """Return the pattern as a mip chain, (1024, 1024), (512, 512), … uint8: fine dots over dots of four times their
-    size."""
+    """Return the pattern as a mip chain from (1024, 1024) uint8 on: fine dots over dots of four times their size."""
     random = np.random.Generator(np.random.Philox(160))
     fine = random.random((_PERIOD, _PERIOD)) < 0.45
     coarse = np.kron(random.random((_PERIOD // 4, _PERIOD // 4)) < 0.4, np.ones((4, 4), np.bool_))
