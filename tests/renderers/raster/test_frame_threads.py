@@ -113,32 +113,6 @@ def test_outputs_do_not_depend_on_what_the_memory_held() -> None:
     assert (empty["normal"] == 0).all()
 
 
-def test_concurrent_frames() -> None:
-    """Concurrent callers of one renderer get the images that they get alone."""
-    renderer = CpuRenderer(2)
-    scene = draw_list(sphere(60, 30, 2.5), mesh(((-1, -1, 2), (1, -1, 2), (0, 1, 2)), ((0, 1, 2),)))
-    views = [camera(200 + 10 * k, 150) for k in range(4)]
-    expected = []
-    for view in views:
-        frame = renderer.render(scene, view, Output.DEPTH)
-        expected.append(frame.depth.copy())
-    wrong: list[int] = []
-
-    def work(k: int) -> None:
-        for _ in range(20):
-            frame = renderer.render(scene, views[k], Output.DEPTH)
-            if frame.depth is None or not np.array_equal(frame.depth, expected[k]):
-                wrong.append(k)
-
-    threads = [threading.Thread(target=work, args=(k,)) for k in range(4)]
-    for thread in threads:
-        thread.start()
-    for thread in threads:
-        thread.join()
-    assert wrong == []
-    renderer.close()
-
-
 def test_tables_are_prepared_once_and_collected_with_their_scene() -> None:
     scene = draw_list(sphere(8, 4), sphere(6, 4))
     table = prepare(scene)

@@ -100,26 +100,6 @@ async def recording(out: Path, url: str, channels: str = ".*") -> AsyncIterator[
     await task
 
 
-async def test_records_and_plays_over_tcpq(tmp_path: Path) -> None:
-    out = tmp_path / "out.lcmlog"
-    async with hub() as (service, url), recording(out, url, f"{REQUEST}.*") as progress:
-        client = await HubClient.connect(service.tcpq_port)
-        for event in EVENTS:
-            await client.publish(event.channel, event.data)
-        await until(lambda: progress.events == 2)
-        await client.close()
-    events = list(read_events(io.BytesIO(out.read_bytes())))
-    assert [(event.channel, event.data) for event in events] == [(e.channel, e.data) for e in (EVENTS[0], EVENTS[2])]
-    assert 0 <= events[1].time_us - events[0].time_us < 30e6
-
-    live = LiveTree()
-    async with hub(live) as (_, url):
-        progress = replay.LogProgress()
-        await replay.play(out, url, replay.PlayOptions(), progress)
-        await until(lambda: set(live.snapshot.root.children) == {"a", "b"})
-        assert (progress.events, progress.data_bytes) == (2, len(EVENTS[0].data) + len(EVENTS[2].data))
-
-
 @pytest.mark.lcm
 async def test_records_and_plays_over_udp(tmp_path: Path) -> None:
     url = free_url()
