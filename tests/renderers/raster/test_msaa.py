@@ -1,7 +1,6 @@
 """Multisampling: each sample equals the pixel of an image with a shifted principal point."""
 
 import weakref
-from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
@@ -20,13 +19,6 @@ from renderers.raster.msaa.resolve import mixed_bands
 from tests.renderers.scenes import camera, grid, mesh, pose, soup, sphere
 
 BACKGROUND = (10, 200, 90)
-
-
-@pytest.fixture(scope="module", params=[1, 3], ids=["1 thread", "3 threads"])
-def renderer(request: pytest.FixtureRequest) -> Iterator[CpuRenderer]:
-    renderer = CpuRenderer(request.param)
-    yield renderer
-    renderer.close()
 
 
 def color(renderer: CpuRenderer, scene: DrawList, view: Camera, name: Any, samples: Any = 1) -> NDArray[np.float64]:

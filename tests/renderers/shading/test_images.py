@@ -3,7 +3,6 @@
 ``SCENEGATE_REGENERATE_PICTURES=1 pytest ...`` writes the golden images anew; look at them before committing them.
 """
 
-from collections.abc import Iterator
 from dataclasses import replace
 
 import cv2
@@ -18,13 +17,6 @@ from tests.renderers.golden_images import GOLDEN_FOLDER, regenerates_golden_imag
 from tests.renderers.shading.reference import Array, ball, camera, image_of, painted, placed, quad
 
 LOOKS = (Look("phong"), Look("pbr"), Look("gltf"))
-
-
-@pytest.fixture(scope="module", params=[1, 3], ids=["1 thread", "3 threads"])
-def renderer(request: pytest.FixtureRequest) -> Iterator[CpuRenderer]:
-    renderer = CpuRenderer(request.param)
-    yield renderer
-    renderer.close()
 
 
 def pose(x: float, y: float, z: float, linear: Array | None = None) -> Array:

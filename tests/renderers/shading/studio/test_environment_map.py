@@ -1,7 +1,6 @@
 """Environment lighting against integrals over the sphere."""
 
 import math
-from collections.abc import Iterator
 from dataclasses import replace
 
 import cv2
@@ -18,13 +17,6 @@ from tests.renderers.shading.studio import reference as ref
 from tests.renderers.shading.studio.scenes import DARK, rendered, sheet, two_balls, view
 
 WHITE = Surroundings(Hemisphere((1.0, 1.0, 1.0), (1.0, 1.0, 1.0)))
-
-
-@pytest.fixture(scope="module")
-def renderer() -> Iterator[CpuRenderer]:
-    renderer = CpuRenderer(2)
-    yield renderer
-    renderer.close()
 
 
 def sphere(count: int = 20_000) -> ref.Array:

@@ -5,7 +5,7 @@ The sheet fills the view at z = -3 with texture coordinates 0 .. 1 and is lit by
 sampled at the nearest texel, so that the expected image needs no filter (``test_reference`` tests filters).
 """
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from types import SimpleNamespace
 from typing import Any
@@ -264,13 +264,6 @@ FEATURES: dict[str, tuple[Builder, Expected]] = {
         lambda at: at.texel()[:, 3:] * at.lit(base_color(at.texel())),
     ),
 }
-
-
-@pytest.fixture(scope="module")
-def renderer() -> Iterator[CpuRenderer]:
-    renderer = CpuRenderer(2)
-    yield renderer
-    renderer.close()
 
 
 def render_document(renderer: CpuRenderer, b: Builder, rig: Rig) -> np.ndarray[Any, Any]:

@@ -1,6 +1,5 @@
 """The studio look against ``reference``: light, textures, normal maps, tone curve, translucency, samples."""
 
-from collections.abc import Iterator
 from dataclasses import replace
 from typing import Any
 
@@ -16,13 +15,6 @@ from renderers.raster import CpuRenderer
 from tests.renderers.shading.reference import ball, rays
 from tests.renderers.shading.studio import reference as ref
 from tests.renderers.shading.studio.scenes import DARK, KINDS, noise, rendered, sheet, translation, two_balls, view
-
-
-@pytest.fixture(scope="module")
-def renderer() -> Iterator[CpuRenderer]:
-    renderer = CpuRenderer(2)
-    yield renderer
-    renderer.close()
 
 
 def lit(scene: DrawList, camera: Camera, rig: Rig, visible: ref.VisibleSurfaces) -> ref.Array:

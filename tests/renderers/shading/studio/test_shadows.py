@@ -1,6 +1,5 @@
 """Shadow maps against rays towards the light."""
 
-from collections.abc import Iterator
 from dataclasses import replace
 from typing import Any
 
@@ -17,13 +16,6 @@ from tests.renderers.shading.studio import reference as ref
 from tests.renderers.shading.studio.scenes import DARK, from_above, rendered, sheet, slab_over_floor, translation
 
 RIG = replace(DARK, shadow_size=1024)
-
-
-@pytest.fixture(scope="module")
-def renderer() -> Iterator[CpuRenderer]:
-    renderer = CpuRenderer(2)
-    yield renderer
-    renderer.close()
 
 
 def occluded(scene: DrawList, visible: ref.VisibleSurfaces) -> np.ndarray:
