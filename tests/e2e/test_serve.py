@@ -4,7 +4,6 @@ import json
 import os
 import re
 import signal
-import socket
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -17,7 +16,7 @@ import gateway.app
 from gateway.runtime.settings import SettingsError
 from tests.conftest import DemoGateway
 from tests.support import clients
-from tests.support.gateway_process import GatewayProcess, gateway_process, refused
+from tests.support.gateway_process import GatewayProcess, gateway_process
 from tests.support.ports import free_ports
 from tests.support.waiting import SECONDS
 
@@ -62,24 +61,6 @@ def test_a_render_only_gateway_links_only_to_its_own_pages(render_only: tuple[Ga
     assert all(clients.get(f"{url}/{link}").status_code == 200 for link in links)
 
 
-def test_a_signal_before_the_server_runs_is_exit_code_0() -> None:
-    process = GatewayProcess("--http-port", "0", "--only", "render")
-    try:
-        process.wait_for("Scenegate listens")
-        assert process.stop() == 0
-    finally:
-        process.kill()
-
-
-def test_a_taken_port_is_one_sentence() -> None:
-    with socket.create_server(("127.0.0.1", 0)) as taken:
-        port = taken.getsockname()[1]
-        code, (line,) = refused("--http-port", str(port))
-    assert code == 1
-    reason = f"another program listens there (127.0.0.1 port {port})"
-    assert line["event"] == f"HTTP cannot listen: {reason}; choose another with --http-port or --host."
-
-
 def test_uvicorn_refuses_our_number_of_processes(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("SCENEGATE_WORKERS", "2")
     monkeypatch.setenv("SCENEGATE_ONLY", "render")
@@ -92,12 +73,6 @@ def test_too_little_address_space_is_one_sentence() -> None:
     done = subprocess.run(["sh", "-c", command], capture_output=True, text=True, timeout=SECONDS, check=False)
     assert done.returncode == 1, done.stderr
     assert "781 MB" in done.stderr.splitlines()[-1]
-
-
-def test_an_invalid_setting_is_exit_code_2() -> None:
-    code, (line,) = refused(env={"SCENEGATE_HTTP_PORT": "many"})
-    assert code == 2
-    assert line["event"].startswith("scenegate: SCENEGATE_HTTP_PORT: input should be a valid integer")
 
 
 @pytest.mark.slow

@@ -75,17 +75,6 @@ def test_the_demo_and_what_drake_publishes_are_not_stored(tmp_path: Path, flags:
     connection.close()
 
 
-@pytest.mark.parametrize("content", [b"not a database at all, but somebody's notes", None])
-def test_unusable_state_file_ends_the_start_with_one_sentence(tmp_path: Path, content: bytes | None) -> None:
-    path = tmp_path / "notes.txt" if content else tmp_path / "missing" / "state"
-    if content:
-        path.write_bytes(content)
-    code, (line,) = refused("--http-port", "0", "--state", str(path))
-    assert code == 1
-    assert line["event"].startswith(f"The state file {path} ")
-    assert content is None or path.read_bytes() == content
-
-
 @pytest.mark.slow
 def test_damaged_tree_ends_the_start_and_is_unchanged(tmp_path: Path) -> None:
     state = tmp_path / "gateway.state"
