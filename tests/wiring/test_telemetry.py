@@ -137,6 +137,7 @@ def test_a_request_over_lcm_has_a_span(collector: Collector) -> None:
         assert about["messaging.message.body.size"] > 0
 
 
+@pytest.mark.slow
 def test_monitoring_and_tokens_are_in_no_span(collector: Collector) -> None:
     paths = [attributes(span).get("url.path", "") for span in collector.spans]
     assert "/render" in paths
@@ -144,6 +145,7 @@ def test_monitoring_and_tokens_are_in_no_span(collector: Collector) -> None:
     assert "secret" not in str(collector.spans)
 
 
+@pytest.mark.slow
 def test_the_service_has_a_name(collector: Collector) -> None:
     resource = collector.resources[0]
     assert resource["service.name"] == "scenegate"
