@@ -35,6 +35,16 @@ HOW_TO_GET = {
 """Environment variables that the reasons of skipped tests name, and what each has to name."""
 
 
+LONGEST = (
+    "compose/test_image.py",
+    "datasets/test_ray.py",
+    "drake/test_looks.py",
+    "packaging/test_versions.py",
+    "security/test_schemathesis.py",
+)
+"""Files with tests of more than half a minute."""
+
+
 def pytest_configure(config: pytest.Config) -> None:
     """Compile the kernels before processes that share the tests start: each would compile those that it needs."""
     if getattr(config.option, "numprocesses", None):  # None in those processes themselves
@@ -43,6 +53,11 @@ def pytest_configure(config: pytest.Config) -> None:
         if not cache.are_cached(parts.PARTS):
             print("Compiling the kernels, once for all processes: a minute ...", flush=True)
             parts.ensure_compiled()
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Run the longest tests first: at the end, one process would run such a test while the others have none."""
+    items.sort(key=lambda item: not str(item.path).endswith(LONGEST))
 
 
 def pytest_collection_finish() -> None:
