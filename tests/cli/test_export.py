@@ -66,21 +66,6 @@ def test_a_moment_of_a_log_as_gltf(log: Path, tmp_path: Path, options: tuple[str
     assert matrix[0, 3] == pytest.approx(x)
 
 
-@pytest.mark.parametrize(("options", "count"), [((), 1), (("--mesh-root", "off"), 0), (("--mesh-root", "."), 1)])
-def test_mesh_files_are_read_where_the_option_allows_it(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, options: tuple[str, ...], count: int
-) -> None:
-    monkeypatch.chdir(tmp_path)
-    mesh, out = tmp_path / "t.obj", tmp_path / "scene.glb"
-    mesh.write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n")
-    shown = {"path": ["m"], "geometry": {"type": "mesh_file", "filename": str(mesh)}}
-    result = export(
-        write_log(tmp_path / "x.lcmlog", [(0.0, CHANNEL, message({"setgeometry": [shown]}))]), out, *options
-    )
-    assert result.exit_code == 0, result.stderr
-    assert len([path for path, node in read_gltf(out.read_bytes()).root.walk() if node.parts]) == count
-
-
 @pytest.mark.parametrize(
     ("arguments", "sentence"),
     [

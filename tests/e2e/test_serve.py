@@ -6,7 +6,6 @@ import re
 import signal
 import subprocess
 import sys
-from collections.abc import Iterator
 from pathlib import Path
 
 import httpx2
@@ -16,7 +15,7 @@ import gateway.app
 from gateway.runtime.settings import SettingsError
 from tests.conftest import DemoGateway
 from tests.support import clients
-from tests.support.gateway_process import GatewayProcess, gateway_process
+from tests.support.gateway_process import gateway_process
 from tests.support.ports import free_ports
 from tests.support.waiting import SECONDS
 
@@ -31,16 +30,17 @@ def test_docs_work_offline(demo_gateway: DemoGateway) -> None:
     assert {"/render", "/healthz"} <= clients.get(f"{url}/openapi.json").json()["paths"].keys()
 
 
-@pytest.fixture(scope="module")
-def render_only() -> Iterator[tuple[GatewayProcess, str]]:
-    with gateway_process("--only", "render") as started:
-        yield started
-
-
 @pytest.mark.parametrize("number", [signal.SIGTERM, pytest.param(signal.SIGINT, marks=pytest.mark.slow)])
-def test_a_signal_ends_it_with_exit_code_0(number: signal.Signals) -> None:
+def test_a_render_only_gateway_from_its_start_to_a_signal(number: signal.Signals) -> None:
+    """It links only to its own pages, and ends with exit code 0."""
     with gateway_process("--only", "render") as (process, url):
         assert clients.get(f"{url}/readyz").status_code == 200
+        listens, started = (process.log[index] for index in (1, -1))
+        assert listens["event"] == "Scenegate listens; look at / and /docs"
+        assert started["url"] == f"{url}/"
+        links = re.findall(r'<a href="([^"]+)"', clients.get(url).text)
+        assert links
+        assert all(clients.get(f"{url}/{link}").status_code == 200 for link in links)
         process.process.send_signal(number)
         assert process.process.wait(SECONDS) == 0
         log = process.rest_of_log()
@@ -49,16 +49,6 @@ def test_a_signal_ends_it_with_exit_code_0(number: signal.Signals) -> None:
             "Scenegate stops; requests that it has accepted may finish",
             "Scenegate has stopped",
         ]
-
-
-def test_a_render_only_gateway_links_only_to_its_own_pages(render_only: tuple[GatewayProcess, str]) -> None:
-    process, url = render_only
-    listens, started = (process.log[index] for index in (1, -1))
-    assert listens["event"] == "Scenegate listens; look at / and /docs"
-    assert started["url"] == f"{url}/"
-    links = re.findall(r'<a href="([^"]+)"', clients.get(url).text)
-    assert links
-    assert all(clients.get(f"{url}/{link}").status_code == 200 for link in links)
 
 
 def test_uvicorn_refuses_our_number_of_processes(monkeypatch: pytest.MonkeyPatch) -> None:
