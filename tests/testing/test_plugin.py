@@ -7,7 +7,6 @@ from pathlib import Path
 
 import pytest
 
-from scenegate.testing.gateway import Gateway
 from tests.support.waiting import SECONDS
 
 pytest_plugins = ["pytester"]
@@ -39,16 +38,6 @@ def test_a_project_may_have_a_gateway_of_its_own(tmp_path: Path) -> None:
     command = (sys.executable, "-m", "pytest", "-q", *ARGUMENTS)
     done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, timeout=SECONDS, check=False)
     assert done.returncode == 0, done.stdout
-
-
-@pytest.mark.slow
-def test_a_gateway_is_reached_where_a_proxy_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv("http_proxy", "http://127.0.0.1:9")
-    gateway = Gateway(("--only=scene",), tmp_path, SECONDS)
-    try:
-        assert gateway.health()["status"] == "ready"
-    finally:
-        gateway.stop()
 
 
 @pytest.mark.slow

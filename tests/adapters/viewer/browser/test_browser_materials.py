@@ -11,10 +11,9 @@ import trimesh
 from numpy.typing import NDArray
 from PIL import Image
 
-from tests.adapters.viewer.browser.page import FLAGS, Publisher, View
+from tests.adapters.viewer.browser.page import Publisher, View
 from tests.files.gltf.builder import Builder, data_uri
 from tests.support import clients
-from tests.support.gateway_process import gateway_process
 
 pytestmark = [pytest.mark.browser, pytest.mark.slow]
 
@@ -106,21 +105,20 @@ def render(
     return np.asarray(Image.open(io.BytesIO(response.content)).convert("RGB"))
 
 
-def test_page_and_gateway_draw_the_same_materials(browser: Any, tmp_path: Path) -> None:
+def test_page_and_gateway_draw_the_same_materials(shown: View, publisher: Publisher, url: str, tmp_path: Path) -> None:
     """Blended surfaces are mixed in linear light by both."""
     assert len(MATERIALS) == COLUMNS * ROWS
     (tmp_path / "materials.gltf").write_bytes(document())
-    with gateway_process(*FLAGS, "--mesh-root", str(tmp_path)) as (_, url), View(browser, url) as view:
-        geometry = {"type": "mesh_file", "filename": str(tmp_path / "materials.gltf"), "scale": [1, 1, 1]}
-        Publisher(url).send(setgeometry=[{"path": ["materials"], "geometry": geometry}])
-        view.wait_for_node("materials")
-        place(view, (0.0, -9.0, 0.0), orthographic=True)
-        rendered = means(render(url, "eye=0,-9,0;target=0,0,0;up=0,0,1;xmag=2.5"))
-        textured = 15
-        view.until(lambda: means(view.colors())[textured, 0, 1] < 100, "the texture")
-        difference = np.abs(means(view.colors()) - rendered).max(axis=2)
-        for material, levels in zip(MATERIALS, difference.max(axis=1), strict=True):
-            assert levels <= 6.0, material
+    geometry = {"type": "mesh_file", "filename": str(tmp_path / "materials.gltf"), "scale": [1, 1, 1]}
+    publisher.send(setgeometry=[{"path": ["materials"], "geometry": geometry}])
+    shown.wait_for_node("materials")
+    place(shown, (0.0, -9.0, 0.0), orthographic=True)
+    rendered = means(render(url, "eye=0,-9,0;target=0,0,0;up=0,0,1;xmag=2.5"))
+    textured = 15
+    shown.until(lambda: means(shown.colors())[textured, 0, 1] < 100, "the texture")
+    difference = np.abs(means(shown.colors()) - rendered).max(axis=2)
+    for material, levels in zip(MATERIALS, difference.max(axis=1), strict=True):
+        assert levels <= 6.0, material
 
 
 SET_LIGHT = """(light) => {
@@ -129,7 +127,7 @@ SET_LIGHT = """(light) => {
 }"""
 
 
-def test_page_and_gateway_light_the_same_scene(browser: Any, tmp_path: Path) -> None:
+def test_page_and_gateway_light_the_same_scene(browser: Any, publisher: Publisher, url: str, tmp_path: Path) -> None:
     """A floor, and spheres: diffuse, two that are glossy, two of metal. All but the floor cast shadows on it."""
     materials = [(0.0, 1.0), (0.0, 1.0), (0.0, 0.15), (0.0, 0.5), (1.0, 0.2), (1.0, 0.6)]  # metallic, roughness
     builder = Builder()
@@ -146,9 +144,9 @@ def test_page_and_gateway_light_the_same_scene(browser: Any, tmp_path: Path) -> 
         place_at = [0.0, -0.45, 0.0] if is_floor else [number - 3.0, 0.0, 0.0]
         builder.node(mesh=builder.mesh(primitive), translation=place_at)
     (tmp_path / "scene.gltf").write_bytes(builder.text())
-    with gateway_process(*FLAGS, "--mesh-root", str(tmp_path)) as (_, url), View(browser, url) as view:
-        geometry = {"type": "mesh_file", "filename": str(tmp_path / "scene.gltf"), "scale": [1, 1, 1]}
-        Publisher(url).send(setgeometry=[{"path": ["spheres"], "geometry": geometry}])
+    geometry = {"type": "mesh_file", "filename": str(tmp_path / "scene.gltf"), "scale": [1, 1, 1]}
+    publisher.send(setgeometry=[{"path": ["spheres"], "geometry": geometry}])
+    with View(browser, url) as view:
         view.page.goto(f"{url}/view?shadows=on")
         view.wait_for_node("spheres")
         place(view, (0.0, -4.0, 3.0), orthographic=False)
