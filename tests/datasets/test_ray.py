@@ -21,8 +21,8 @@ from tests.support.waiting import SECONDS
 ENVIRONMENT = "SCENEGATE_RAY_PYTHON"
 ROOT = Path(__file__).parents[2]
 pytestmark = [pytest.mark.ray, pytest.mark.slow]
-ORBIT = 70
-"""Cameras of each of the three scenes: 210 pictures of each type."""
+ORBIT = 35
+"""Cameras of each of the three scenes: 105 pictures of each type."""
 
 
 @pytest.fixture(scope="module")
