@@ -21,10 +21,9 @@ from scenegate.cli.publish import _read_request
 from scenegate.messages.changes import Changes, Entry
 from scenegate.messages.geometry import Box, Capsule, Cylinder, Ellipsoid, MeshGeometry, PointCloud, Sphere, Transform
 from tests.adapters.treeviewer.conversation import BOX
+from tests.conftest import DemoGateway
 from tests.files.robots.files import ARM, TRIANGLE, write
-from tests.support import clients
 from tests.support.command import scenegate
-from tests.support.gateway_process import gateway_process
 from tests.support.liblcm import liblcm
 from tests.support.waiting import SECONDS
 
@@ -177,39 +176,37 @@ def test_shapes_of_the_protocol_stay_what_they_are_unless_scaled(shape: Shape, k
     assert {geometry.kind for geometry in scaled} == {"mesh_data"}
 
 
-def test_a_robot_gets_a_path_for_each_link(tmp_path: Path) -> None:
+def test_a_robot_gets_a_path_for_each_link(demo_gateway: DemoGateway, tmp_path: Path) -> None:
     """The command prints the first ten; options of robots are for robots."""
     liblcm()
-    robot = write(tmp_path, ARM)
-    with gateway_process("--only", "treeviewer", "--lcm-url", "off", "--tcpq-port", "0") as (_, url):
-        hub = clients.get(f"{url}/healthz").json()["interfaces"]["treeviewer"]["tcpq"]["url"]
-        options = ("--path", "cell/arm", "--joint", "elbow=0.5", "--lcm-url", hub, "--collision", "--no-sliders")
-        result = scenegate("publish", str(robot), *options)
-        assert result.exit_code == 0, result.stderr
-        assert "set: cell/arm/base, cell/arm/upper, cell/arm/hand, cell/arm/finger, cell/arm/tool" in result.stdout
-        pipe = tmp_path / "pipe"
-        os.mkfifo(pipe)
-        writer = threading.Thread(target=pipe.write_bytes, args=(robot.read_bytes(),))
-        writer.start()
-        result = scenegate("publish", str(pipe), "--lcm-url", hub, "--collision", "--no-sliders")
-        writer.join(SECONDS)
-        assert "set: robot/base, robot/upper" in result.stdout, result.stderr
-        twelve = {"setgeometry": [{"path": [i], "geometry": BOX} for i in range(12)]}
-        boxes = write(tmp_path, json.dumps(twelve), "b.json")
-        result = scenegate("publish", str(boxes), "--lcm-url", hub)
-        assert "set: 0, 1, 2, 3, 4, 5, 6, 7, 8, 9 and 2 more\n" in result.stdout
-        empty, none = write(tmp_path, "# empty", "empty.obj"), write(tmp_path, NOT_DRAWN, "none.urdf")
-        for path, given, reason in (
-            (empty, (), "the file holds no triangles or points, so nothing is drawn"),
-            (none, (), "nothing of the robot is drawn"),
-            (robot, ("--joint", "elbo=1"), "the robot has no joint 'elbo'; did you mean elbow"),
-            (robot, ("--scale", "0.001"), "--scale is for mesh files"),
-            (robot, ("--up", "z"), "--up is for mesh files"),
-        ):
-            result = scenegate("publish", str(path), *given, "--lcm-url", hub)
-            assert (result.exit_code, reason in result.stderr) == (1, True), result.stderr
-        triangle = write(tmp_path, TRIANGLE, "mm.obj")
-        result = scenegate("publish", str(triangle), "--scale", "0.001", "--up", "y", "--lcm-url", hub)
-        assert "set: mm\nmoved: mm" in result.stdout, result.stderr
+    robot, hub = write(tmp_path, ARM), f"tcpq://{demo_gateway.tcpq}"
+    options = ("--path", "cell/arm", "--joint", "elbow=0.5", "--lcm-url", hub, "--collision", "--no-sliders")
+    result = scenegate("publish", str(robot), *options)
+    assert result.exit_code == 0, result.stderr
+    assert "set: cell/arm/base, cell/arm/upper, cell/arm/hand, cell/arm/finger, cell/arm/tool" in result.stdout
+    pipe = tmp_path / "pipe"
+    os.mkfifo(pipe)
+    writer = threading.Thread(target=pipe.write_bytes, args=(robot.read_bytes(),))
+    writer.start()
+    result = scenegate("publish", str(pipe), "--lcm-url", hub, "--collision", "--no-sliders")
+    writer.join(SECONDS)
+    assert "set: robot/base, robot/upper" in result.stdout, result.stderr
+    twelve = {"setgeometry": [{"path": [i], "geometry": BOX} for i in range(12)]}
+    boxes = write(tmp_path, json.dumps(twelve), "b.json")
+    result = scenegate("publish", str(boxes), "--lcm-url", hub)
+    assert "set: 0, 1, 2, 3, 4, 5, 6, 7, 8, 9 and 2 more\n" in result.stdout
+    empty, none = write(tmp_path, "# empty", "empty.obj"), write(tmp_path, NOT_DRAWN, "none.urdf")
+    for path, given, reason in (
+        (empty, (), "the file holds no triangles or points, so nothing is drawn"),
+        (none, (), "nothing of the robot is drawn"),
+        (robot, ("--joint", "elbo=1"), "the robot has no joint 'elbo'; did you mean elbow"),
+        (robot, ("--scale", "0.001"), "--scale is for mesh files"),
+        (robot, ("--up", "z"), "--up is for mesh files"),
+    ):
+        result = scenegate("publish", str(path), *given, "--lcm-url", hub)
+        assert (result.exit_code, reason in result.stderr) == (1, True), result.stderr
+    triangle = write(tmp_path, TRIANGLE, "mm.obj")
+    result = scenegate("publish", str(triangle), "--scale", "0.001", "--up", "y", "--lcm-url", hub)
+    assert "set: mm\nmoved: mm" in result.stdout, result.stderr
     kinds = "--collision and --reload are for robot files (.urdf, .sdf, .world, .xml, .mjcf, .xacro)"
     assert kinds in scenegate("publish", str(triangle), "--collision").stderr

@@ -25,7 +25,7 @@ CONFIG = RenderConfig(
 """Small bounds, so that reaching one takes milliseconds."""
 FUZZ = settings(
     deadline=None,
-    max_examples=150,
+    max_examples=100,
     suppress_health_check=list(HealthCheck),
     phases=(Phase.explicit, Phase.reuse, Phase.generate),
 )

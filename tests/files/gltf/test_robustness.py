@@ -157,7 +157,7 @@ def test_no_single_flaw_costs_more_than_its_element(value: Any) -> None:
 
 
 @given(st.lists(st.tuples(st.sampled_from(PLACES), VALUES), min_size=1, max_size=3))
-@settings(deadline=None, max_examples=300)
+@settings(deadline=None, max_examples=200)
 def test_damaged_values(changes: list[tuple[tuple[str | int, ...], Any]]) -> None:
     document = copy.deepcopy(DOCUMENT)
     for place, value in changes:

@@ -38,7 +38,7 @@ def sparse_accessors(count: int = 1000, values: int = 300_000) -> bytes:
     return document(b, *({"attributes": {"POSITION": p}, "indices": zeros} for p in points))
 
 
-def primitives_one_by_one(count: int = 5_000) -> bytes:
+def primitives_one_by_one(count: int = 2_000) -> bytes:
     """Lines, each with an accessor of its own on one buffer."""
     b = Builder()
     view = b.view(POINTS.tobytes())
@@ -46,7 +46,7 @@ def primitives_one_by_one(count: int = 5_000) -> bytes:
     return document(b, *({"attributes": {"POSITION": p}, "mode": 1} for p in points))
 
 
-def materials_one_by_one(count: int = 5_000) -> bytes:
+def materials_one_by_one(count: int = 2_000) -> bytes:
     b = Builder()
     attributes = {"POSITION": b.accessor(TRIANGLE)}
     materials = [{"emissiveFactor": [0, 0, number / count]} for number in range(count)]
@@ -55,18 +55,18 @@ def materials_one_by_one(count: int = 5_000) -> bytes:
 
 
 def vertices_of_nothing() -> bytes:
-    """Zeros, without a buffer: a few hundred bytes, a hundred megabytes of arrays, whose tangents have no length."""
+    """Zeros, without a buffer: a few hundred bytes, dozens of megabytes of arrays, whose tangents have no length."""
     b = Builder()
     types = {"POSITION": "VEC3", "NORMAL": "VEC3", "TEXCOORD_0": "VEC2", "COLOR_0": "VEC4", "TANGENT": "VEC4"}
-    return document(b, {"attributes": {name: b.points(None, 1_000_000, type=each) for name, each in types.items()}})
+    return document(b, {"attributes": {name: b.points(None, 400_000, type=each) for name, each in types.items()}})
 
 
 def numbers_that_are_no_json() -> bytes:
     """NaN: read by a slower parser, which checks the flag at every number."""
-    return Builder().draw(POINTS).text()[:-1] + b', "extras": [NaN' + b",1.5" * 200_000 + b"]}"
+    return Builder().draw(POINTS).text()[:-1] + b', "extras": [NaN' + b",1.5" * 50_000 + b"]}"
 
 
-def deep_nodes(chains: int = 80, depth: int = 240) -> bytes:
+def deep_nodes(chains: int = 30, depth: int = 240) -> bytes:
     nodes: list[dict[str, Any]] = []
     for chain in range(chains):
         nodes += [{"children": [chain * depth + k + 1], "rotation": [0, 0, 0.1, 0.99]} for k in range(depth - 1)]
