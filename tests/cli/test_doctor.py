@@ -55,6 +55,7 @@ def test_each_finding_is_shown_with_its_meaning_and_remedy(
 
 
 def test_the_environment_is_checked(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(doctor, "installation_findings", lambda: iter(()))
     monkeypatch.setattr(diagnostics, "findings", lambda *arguments: iter((OK,)))
     monkeypatch.setenv("SCENEGATE_HTPT_PORT", "1")
     monkeypatch.setenv("SCENEGATE_QUEUE", "many")

@@ -113,6 +113,7 @@ def test_a_simulated_clock_gives_the_same_bytes_in_every_run(tmp_path: Path) -> 
     assert runs[0] == runs[1]
 
 
+@pytest.mark.slow
 @pytest.mark.skipif("SCENEGATE_URL" in os.environ, reason="starts gateways of its own")
 def test_several_cameras_recorded_pairs_and_faults(tmp_path: Path) -> None:
     ramp = np.tile(np.arange(160, dtype=np.uint8), (120, 1))
