@@ -1,12 +1,9 @@
 """Reading scenario files: errors, and the schema for editors."""
 
 import json
-import subprocess
-import sys
 import tomllib
 from pathlib import Path
 
-import msgspec
 import pytest
 
 from gateway.datasets.scenario import catalogue
@@ -14,7 +11,6 @@ from gateway.datasets.scenario.catalogue import read_catalogue
 from gateway.datasets.scenario.file import read_scenario, schema_text
 from gateway.datasets.scenario.tables import ScenarioError
 from tests.datasets.scenario.conftest import TABLE, Write
-from tests.support.waiting import SECONDS
 
 ROOT = Path(__file__).parents[3]
 EXAMPLES = sorted((ROOT / "examples" / "scenario").glob("*.toml"))
@@ -83,16 +79,13 @@ def test_a_path_may_be_a_list(write: Write) -> None:
 
 
 @pytest.mark.parametrize("path", EXAMPLES, ids=lambda path: path.stem)
-def test_the_schema_accepts_examples(path: Path, tmp_path: Path) -> None:
+def test_the_schema_accepts_examples(path: Path) -> None:
     read_scenario(path)
-    (tmp_path / "schema.json").write_text(schema_text())
-    (tmp_path / "scenario.json").write_bytes(msgspec.json.encode(tomllib.loads(path.read_text())))
-    command = (sys.executable, "-m", "check_jsonschema", "--schemafile", "schema.json", "scenario.json")
-    pytest.importorskip("check_jsonschema")
-    result = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, timeout=SECONDS)
-    assert result.returncode == 0, result.stdout
-    (tmp_path / "scenario.json").write_text('{"models": [{"path": "a", "scale": -1}]}')
-    assert subprocess.run(command, cwd=tmp_path, capture_output=True, timeout=SECONDS).returncode == 1
+    jsonschema = pytest.importorskip("jsonschema")  # a part of check-jsonschema
+    schema = json.loads(schema_text())
+    jsonschema.validate(tomllib.loads(path.read_text()), schema)
+    with pytest.raises(jsonschema.ValidationError):
+        jsonschema.validate({"models": [{"path": "a", "scale": -1}]}, schema)
 
 
 def test_the_published_schema_is_that_of_the_code() -> None:
