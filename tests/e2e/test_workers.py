@@ -153,35 +153,20 @@ def test_log_lines_name_the_process(running: tuple[GatewayProcess, str]) -> None
     assert pids
 
 
-def test_an_interrupt_ends_all_processes_with_exit_code_0() -> None:
-    """As SIGTERM does, see ``test_sigterm``."""
-    with gateway_process(*WORKERS) as (process, url):
-        pids = all_ready(url)
-        process.process.send_signal(signal.SIGINT)
-        assert process.process.wait(SECONDS) == 0
-        log = process.rest_of_log()
-    assert not [entry for entry in log if entry["level"] in ("error", "critical", "raw")]
-    assert log[-1]["event"] == "Scenegate has stopped"
-    assert all(map(ended, pids))
-
-
-def test_processes_end_with_a_killed_supervisor() -> None:
-    with gateway_process(*WORKERS) as (process, url):
-        pids = all_ready(url)
-        process.process.kill()
-        wait_until(lambda: all(map(ended, pids)))
-
-
-def test_a_hung_process_is_killed_and_replaced_and_the_others_serve_meanwhile() -> None:
+def test_a_hung_process_is_replaced_and_all_end_with_a_killed_supervisor() -> None:
     with gateway_process(*WORKERS, "--unresponsive-seconds", "2") as (process, url):
         pids = all_ready(url)
         os.kill(pids[0], signal.SIGSTOP)
         assert process.wait_for("A process does not respond and is killed")["pid"] == pids[0]
         assert process.wait_for("A process has ended")["exit_code"] == -signal.SIGKILL
         wait_until(lambda: pids[1] in (now := all_ready(url)) and pids[0] not in now)
+        now = all_ready(url)
+        process.process.kill()
+        wait_until(lambda: all(map(ended, now)))
 
 
-def test_sighup_replaces_all_processes_and_a_signal_is_heard_meanwhile() -> None:
+def test_sighup_replaces_all_processes_and_an_interrupt_ends_them() -> None:
+    """SIGTERM does so, too: see ``test_sigterm``."""
     with gateway_process(*WORKERS) as (process, url):
         pids = all_ready(url)
         process.process.send_signal(signal.SIGHUP)
@@ -189,7 +174,13 @@ def test_sighup_replaces_all_processes_and_a_signal_is_heard_meanwhile() -> None
         process.process.send_signal(signal.SIGHUP)
         process.wait_for("All processes are replaced")
         process.wait_for("All processes are replaced")
-        assert process.stop() == 0
+        pids = all_ready(url)
+        process.process.send_signal(signal.SIGINT)
+        assert process.process.wait(SECONDS) == 0
+        log = process.rest_of_log()
+    assert not [entry for entry in log if entry["level"] in ("error", "critical", "raw")]
+    assert log[-1]["event"] == "Scenegate has stopped"
+    assert all(map(ended, pids))
 
 
 def test_all_processes_end_with_an_error_if_the_kernels_cannot_be_compiled(tmp_path: Path) -> None:
