@@ -1138,18 +1138,18 @@ def test_view_returns_after_a_lost_context(shown: View, publisher: Publisher) ->
     shown.until(lambda: shown.share("red") > 0.02, "the red box is back")
 
 
-def test_failed_texture_download_is_repeated(browser: Any) -> None:
-    with gateway_process("--only", "view", "--demo") as (_, url):
-        page = new_page(browser, viewport={"width": 320, "height": 240})  # of the demo, more pixels take a minute
-        requested: list[str] = []
+def test_failed_texture_download_is_repeated(browser: Any, url: str, publisher: Publisher) -> None:
+    publisher.send(setgeometry=[{"path": ["it"], "geometry": {**TEXTURED, "image": png([[[255, 0, 0], [0, 0, 0]]])}}])
+    page = new_page(browser)
+    requested: list[str] = []
 
-        def refuse_once(route: Any) -> None:
-            known = route.request.url in requested
-            requested.append(route.request.url)
-            route.continue_() if known else route.abort()
+    def refuse_once(route: Any) -> None:
+        known = route.request.url in requested
+        requested.append(route.request.url)
+        route.continue_() if known else route.abort()
 
-        page.route("**/view/image/*", refuse_once)
-        page.goto(f"{url}/view")
-        came = "e => e.name.includes('/view/image/') && e.responseStatus === 200"
-        wait_in_page(page, f"performance.getEntriesByType('resource').some({came})")
-        page.close()
+    page.route("**/view/image/*", refuse_once)
+    page.goto(f"{url}/view")
+    came = "e => e.name.includes('/view/image/') && e.responseStatus === 200"
+    wait_in_page(page, f"performance.getEntriesByType('resource').some({came})")
+    page.close()
