@@ -102,6 +102,8 @@ class Model:
                 values = body_array(body, header[name]["values"], dtype).reshape(-1, width)
                 for number, row in zip(ids.tolist(), values.tolist(), strict=True):
                     self.nodes[number].pose = tuple(row)
+        used = {draw["mesh"] for node in self.nodes.values() for part in node.parts or () for draw in part["draws"]}
+        assert used <= self.meshes, "the page lacks a mesh that it shows"
         self.revision = header["revision"]
 
     def _remove(self, number: int) -> None:
@@ -120,8 +122,6 @@ class Model:
         node = self.nodes[number]
         for name in ("visible", "opacity", "parts"):
             setattr(node, name, entry.get(name, getattr(node, name)))
-        used = {draw["mesh"] for part in node.parts or () for draw in part["draws"]}
-        assert "parts" not in entry or used <= self.meshes, "a mesh is sent before the nodes that use it"
 
     def tree(self) -> dict[Path, tuple[Any, ...]]:
         """Return (kinds of parts, visible, pose) by path. Names keep their types."""

@@ -29,8 +29,9 @@ from tests.support.waiting import SECONDS
 class Page:
     """A page that acknowledges each update at once."""
 
-    def __init__(self, browser: Browser) -> None:
+    def __init__(self, browser: Browser, name: str = "box") -> None:
         self.browser = browser
+        self.name = name
         self.model = Model()
         self.time: dict[str, Any] = {}
         self.kinds: list[str] = []
@@ -38,8 +39,8 @@ class Page:
 
     @property
     def x(self) -> float:
-        """Position of the box; nan if there is none."""
-        box = next((node for node in self.model.nodes.values() if node.name == "box"), None)
+        """Position of the node with the name; nan if there is none."""
+        box = next((node for node in self.model.nodes.values() if node.name == self.name), None)
         return nan if box is None else box.pose[12 if len(box.pose) == 16 else 0]
 
     def send(self, time: Any, **fields: Any) -> None:
