@@ -4,7 +4,7 @@ import asyncio
 import json
 import re
 import threading
-from collections.abc import AsyncIterator, Callable, Collection, Mapping
+from collections.abc import AsyncIterator, Callable, Collection, Iterable, Iterator, Mapping
 from contextlib import ExitStack, asynccontextmanager
 from pathlib import Path
 from typing import Any
@@ -13,6 +13,7 @@ import httpx2
 import pytest
 import structlog
 from fastapi import FastAPI
+from fastapi.routing import APIRoute
 
 import gateway.app
 import gateway.wiring.render
@@ -91,6 +92,27 @@ async def test_a_request_during_the_start_waits_for_the_interface(monkeypatch: p
             "interfaces": {"kernels": {"state": "ready"}, "render": {"state": "ready"}},
         }
         assert "/example" in (await client.get("/openapi.json")).json()["paths"]
+
+
+def api_routes(routes: Iterable[Any]) -> Iterator[APIRoute]:
+    """Yield the routes, those of routers that are included, too."""
+    for route in routes:
+        if isinstance(route, APIRoute):
+            yield route
+        elif (router := getattr(route, "original_router", None)) is not None:
+            yield from api_routes(router.routes)
+
+
+async def test_no_route_lets_fastapi_read_a_body_of_any_size() -> None:
+    app = gateway.app.create_app(Settings(grpc_port=0, tcpq_port=0, lcm_url="off"))
+    async with (
+        app.router.lifespan_context(app),
+        httpx2.AsyncClient(transport=httpx2.ASGITransport(app=app), base_url="http://test") as client,
+    ):
+        assert (await client.get("/openapi.json")).status_code == 200  # waits for all interfaces
+        routes = list(api_routes(app.router.routes))
+    assert {"/render", "/scene", "/stereo/faults", "/api/v2/nodes"} <= {route.path for route in routes}
+    assert [route.path for route in routes if route.body_field is not None] == []
 
 
 async def test_an_interface_that_fails_to_start_leaves_the_others(monkeypatch: pytest.MonkeyPatch) -> None:
