@@ -18,10 +18,9 @@ from scenegate.robots.link_model import Link, LinkJoint, LinkKinematics, LinkMod
 from scenegate.robots.robot import NEUTRAL, GeometryUse, Joint, JointKind
 from scenegate.robots.robot_errors import RobotFileError, RobotFileLimits, check_count, no_links
 from scenegate.robots.robot_files import RobotFiles
-from scenegate.robots.sdf_frames import WORLD, Frame, Frames, read_pose
+from scenegate.robots.sdf_frames import WORLD, Frame, Frames, limits_of, read_pose, thread_pitch
 from scenegate.robots.sdf_geometry import read_geometries
 from scenegate.robots.sdf_includes import in_folder, prefixed, read_included
-from scenegate.robots.sdf_joints import limits_of, thread_pitch
 from scenegate.robots.urdf import parse_urdf
 from scenegate.robots.xml_text import (
     Element,

@@ -6,7 +6,7 @@
 - ``channels``: what a channel has, by its name.
 - ``wire``: Drake's LCM types as values, and their decoders. Definitions: ``lcmtypes/lcmt_*.lcm``.
 - ``robots``: links of rigid bodies. ``link_paths`` names them in the tree. ``shapes`` reads their geometries and
-  deformable bodies, ``meshes`` the triangles in both.
+  deformable bodies, and the triangles in both.
 - ``contacts``, ``point_clouds``, ``frames``: the other messages. ``arrows`` makes arrows and axes.
 - ``config``: limits.
 

@@ -7,8 +7,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gateway.adapters.drakeviewer.arrows import arrows
-from gateway.adapters.drakeviewer.meshes import drawable_triangles
 from gateway.adapters.drakeviewer.robots import ROOT
+from gateway.adapters.drakeviewer.shapes import drawable_triangles
 from gateway.adapters.drakeviewer.wire import Contacts, MessageError, SurfaceContact
 from gateway.scene.tree.geometry import Part, Surface
 from gateway.scene.tree.materials import WHITE, Color, material

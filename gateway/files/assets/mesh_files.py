@@ -18,7 +18,7 @@ import msgspec
 
 from gateway.files.assets.mesh_formats import FORMATS, MESH_LIMITS, MeshFormatError, ReadReferencedFile, parse_mesh
 from gateway.files.gltf import GltfError, GltfLimits
-from gateway.scene.tree.geometry import Part, PointCloud, Surface
+from gateway.scene.tree.geometry import Part
 from gateway.scene.tree.transforms import scaling
 from renderers.cache import SHARED, Cache, CacheBudget
 from scenegate.regular_files import read_regular
@@ -304,14 +304,8 @@ def _stamp(path: str) -> _Stamp | None:
 
 def _nbytes(parts: tuple[Part, ...]) -> int:
     """Return the approximate size of all parts in bytes; shared shapes are counted once."""
-    shapes = {id(part.shape): part.shape for part in parts}
-    total = 1024 * len(parts)
-    for shape in shapes.values():
-        if isinstance(shape, Surface):
-            total += shape.mesh.nbytes
-        elif isinstance(shape, PointCloud):
-            total += shape.points.nbytes + sum(channel.nbytes for channel in shape.channels.values())
-    return total
+    part_by_shape = {id(part.shape): part for part in parts}
+    return 1024 * len(parts) + sum(part.array_bytes for part in part_by_shape.values())
 
 
 def quoted(name: str) -> str:

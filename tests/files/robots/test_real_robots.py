@@ -16,7 +16,7 @@ import numpy as np
 import pytest
 
 from gateway.files.assets.mesh_formats import parse_mesh
-from gateway.files.robots import link_parts
+from gateway.files.robots import reader
 from gateway.files.robots.reader import read_robot
 from gateway.files.robots.robot import Robot
 from gateway.scene.tree.geometry import Part
@@ -77,7 +77,7 @@ class Meshes:
 def meshes() -> Iterator[Meshes]:
     meshes = Meshes()
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(link_parts, "parse_mesh", meshes)
+        patch.setattr(reader, "parse_mesh", meshes)
         yield meshes
 
 
