@@ -93,9 +93,9 @@ def _render_dataset(
 ) -> None:
     """Render a dataset and export it to ``formats``. Exit with status 1 if it is incomplete."""
     from gateway.cli.render_dataset import render_dataset
-    from gateway.datasets.camera_file import CameraFile, read_camera_file
     from gateway.datasets.job import make_job
     from gateway.datasets.scene_sources import find_scenes
+    from gateway.datasets.views import CameraFile, read_camera_file
 
     out = options.out.absolute()
     cameras = CameraFile() if options.cameras is None else read_camera_file(options.cameras)

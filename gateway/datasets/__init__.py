@@ -1,6 +1,6 @@
 """Datasets: images of many scenes from many cameras, rendered on all cores of a machine or of a Ray cluster.
 
-A ``job`` lists scene files (``scene_sources``) and their ``views``, some of which come from a ``camera_file``.
+A ``job`` lists scene files (``scene_sources``) and their ``views``, some of which come from a file.
 
 A sample is one view of one scene. ``run`` renders a job: it keeps the valid samples of the previous run (``resume``),
 runs tasks for the others in worker processes (``local_tasks`` or ``ray_tasks``), appends finished samples to its

@@ -9,11 +9,10 @@ from functools import cached_property
 from pathlib import Path
 from typing import Final
 
-from gateway.datasets.camera_file import CameraFile
 from gateway.datasets.classes import NO_CLASSES, ClassTable
 from gateway.datasets.errors import DatasetError
 from gateway.datasets.scene_sources import Source, SourceKind
-from gateway.datasets.views import REQUEST_VIEW_NAME, SceneCamera, View
+from gateway.datasets.views import REQUEST_VIEW_NAME, CameraFile, SceneCamera, View
 from scenegate.datasets.manifest import FailureRecord, SampleRecord, Settings
 
 VIEWS_PER_TASK: Final = 16

@@ -7,10 +7,9 @@ from enum import Enum
 from pathlib import Path
 from typing import Final
 
-from gateway.datasets.camera_file import CameraFile
 from gateway.datasets.errors import DatasetError
 from gateway.datasets.scenario.catalogue import read_catalogue
-from gateway.datasets.views import View, scene_views
+from gateway.datasets.views import CameraFile, View, scene_views
 from gateway.files.robots.scene_files import AMBIGUOUS_SUFFIXES, FOLDER_SUFFIXES
 from scenegate.datasets import manifest
 from scenegate.printable import printable

@@ -1,11 +1,15 @@
-"""Views: named camera poses and intrinsics. ``camera_of`` computes the camera of one in a scene."""
+"""Views: named camera poses and intrinsics, and the file of ``--cameras`` with them (``docs/datasets.md``).
+
+``camera_of`` computes the camera of one in a scene.
+"""
 
 import hashlib
 import math
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Annotated, Final
+from pathlib import Path
+from typing import Annotated, Final, Literal
 
 import msgspec
 import numpy as np
@@ -24,9 +28,10 @@ from gateway.scene.draw.cameras import (
 from gateway.scene.draw.viewpoints import orthographic_camera, resolve_camera
 from gateway.scene.tree.nodes import Node
 from gateway.scene.tree.transforms import is_rotation
-from renderers.camera import Camera
+from renderers.camera import OPENGL_FROM_OPTICAL, Camera
 from renderers.drawlist import DrawList
 from scenegate.datasets.manifest import CameraRecord, Pose, pose_rows
+from scenegate.regular_files import errors_as, read_regular
 
 NAME_PATTERN: Final = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]{0,63}")
 """Allowed names of views. They become parts of file names."""
@@ -225,3 +230,69 @@ def record_of(camera: Camera) -> CameraRecord:
         X_world_camera=pose_rows(camera.X_world_camera),
         depth_origin=float(camera.depth_origin),
     )
+
+
+MAX_FILE_BYTES: Final = 256 << 20
+"""Maximum size of a file of ``--cameras``. A camera takes about 400 bytes."""
+
+
+class _CameraEntry(Intrinsics, frozen=True, forbid_unknown_fields=True):
+    """A camera in the file: ``camera`` is a camera text, ``X_world_camera`` a pose in the ``convention``."""
+
+    name: str | None = None
+    camera: str | None = None
+    X_world_camera: Pose | None = None
+    convention: Literal["optical", "opengl"] = "optical"
+
+
+class _FileContent(msgspec.Struct, forbid_unknown_fields=True):
+    cameras: list[_CameraEntry] = []
+    scenes: dict[str, list[_CameraEntry]] = {}
+
+
+@dataclass(frozen=True, slots=True)
+class CameraFile:
+    """Views in a camera file."""
+
+    default_views: tuple[View, ...] = ()
+    """Views of the scenes that are not in ``scene_views``."""
+    scene_views: Mapping[str, tuple[View, ...]] = field(default_factory=dict)
+    """Views of single scenes, by scene name."""
+
+
+def read_camera_file(path: Path) -> CameraFile:
+    """Read a camera file. Raises CameraError, with the entry, if it cannot be read or an entry is invalid."""
+    with errors_as(CameraError, path, msgspec.DecodeError, UnicodeDecodeError, RecursionError):
+        content = msgspec.json.decode(read_regular(path, MAX_FILE_BYTES), type=_FileContent)
+    if not content.cameras and not content.scenes:
+        raise CameraError(f"{path} names no camera: neither 'cameras' nor 'scenes' has an entry")
+    scene_views = {name: _views(entries, f"{path}: scenes[{name!r}]") for name, entries in content.scenes.items()}
+    return CameraFile(_views(content.cameras, f"{path}: cameras"), scene_views)
+
+
+def _views(entries: list[_CameraEntry], location: str) -> tuple[View, ...]:
+    """Return the views of camera entries. ``location`` names the list of entries in error messages."""
+    digits = max(3, len(str(len(entries) - 1)))
+    views: dict[str, View] = {}
+    for index, entry in enumerate(entries):
+        try:
+            lens = Intrinsics(*(getattr(entry, name) for name in Intrinsics.__struct_fields__))
+            view = View(entry.name or f"camera-{index:0{digits}d}", _pose(entry), lens)
+        except CameraError as error:
+            raise CameraError(f"{location}[{index}]: {error}") from None
+        if view.name in views:
+            raise CameraError(f"{location}[{index}]: the name {view.name!r} is taken")
+        views[view.name] = view
+    return tuple(views.values())
+
+
+def _pose(entry: _CameraEntry) -> str | Pose:
+    """Return the camera text, or X_world_camera of the optical frame."""
+    if (entry.camera is None) == (entry.X_world_camera is None):
+        raise CameraError("needs either 'camera' (a text such as fit) or 'X_world_camera' (4 x 4)")
+    if entry.X_world_camera is None:
+        assert entry.camera is not None
+        return entry.camera
+    if entry.convention == "optical":
+        return entry.X_world_camera
+    return pose_rows(np.array(entry.X_world_camera) @ OPENGL_FROM_OPTICAL)

@@ -7,13 +7,12 @@ from pathlib import Path
 import pytest
 
 from gateway.datasets import local_tasks
-from gateway.datasets.camera_file import CameraFile
 from gateway.datasets.classes import ClassTable, classes_of_models
 from gateway.datasets.job import Job, RenderTask, Result, make_job
 from gateway.datasets.run import RunProgress, run
 from gateway.datasets.scene_sources import Source, find_sources
 from gateway.datasets.scenes import LoadedScene, load_scene, model_names
-from gateway.datasets.views import View
+from gateway.datasets.views import CameraFile, View
 from gateway.datasets.worker import run_task
 from gateway.files.robots.scene_files import SceneOptions
 from gateway.scene.draw.cameras import OrbitCamera

@@ -44,10 +44,9 @@ STORE_BYTES = 100 << 20
 
 def job_of(scenes: Path, out: Path, orbit: int, settings: Settings) -> Job:
     """Every scene of a folder from so many cameras around it."""
-    from gateway.datasets.camera_file import CameraFile
     from gateway.datasets.job import make_job
     from gateway.datasets.scene_sources import find_sources
-    from gateway.datasets.views import View
+    from gateway.datasets.views import CameraFile, View
     from gateway.scene.draw.cameras import OrbitCamera
 
     views = tuple(View(f"orbit-{index}", OrbitCamera(index, orbit, 30.0)) for index in range(orbit))

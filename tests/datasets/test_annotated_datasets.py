@@ -11,12 +11,11 @@ import msgspec
 import numpy as np
 import pytest
 
-from gateway.datasets.camera_file import CameraFile
 from gateway.datasets.check import check_dataset
 from gateway.datasets.classes import classes_of_models
 from gateway.datasets.errors import DatasetError
 from gateway.datasets.job import Job
-from gateway.datasets.views import View
+from gateway.datasets.views import CameraFile, View
 from scenegate.datasets import manifest
 from scenegate.datasets.dataset import FLOW_MAGIC, Dataset
 from scenegate.datasets.manifest import IMAGE_TYPES, RecordError

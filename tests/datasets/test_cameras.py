@@ -10,12 +10,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from gateway.datasets.camera_file import CameraFile, read_camera_file
 from gateway.datasets.errors import DatasetError
 from gateway.datasets.job import make_job
 from gateway.datasets.scene_sources import find_sources
 from gateway.datasets.scenes import load_scene
-from gateway.datasets.views import Intrinsics, View, camera_of, record_of, usable_camera
+from gateway.datasets.views import CameraFile, Intrinsics, View, camera_of, read_camera_file, record_of, usable_camera
 from gateway.files.gltf import PlacedCamera
 from gateway.scene.draw.cameras import CameraError, OrbitCamera
 from gateway.scene.tree.nodes import Node
@@ -187,9 +186,9 @@ def test_camera_files_that_cannot_be_read(tmp_path: Path, monkeypatch: pytest.Mo
     with pytest.raises(CameraError, match=r"pipe\.json: it is not a regular file"):
         read_camera_file(tmp_path / "pipe.json")
     path = written(tmp_path, {"cameras": [{"camera": "fit"}]})
-    monkeypatch.setattr("gateway.datasets.camera_file.MAX_FILE_BYTES", path.stat().st_size)
+    monkeypatch.setattr("gateway.datasets.views.MAX_FILE_BYTES", path.stat().st_size)
     assert len(read_camera_file(path).default_views) == 1
-    monkeypatch.setattr("gateway.datasets.camera_file.MAX_FILE_BYTES", path.stat().st_size - 1)
+    monkeypatch.setattr("gateway.datasets.views.MAX_FILE_BYTES", path.stat().st_size - 1)
     with pytest.raises(CameraError, match="more than"):
         read_camera_file(path)
     (tmp_path / "cameras.json").write_bytes(b"\xff")

@@ -4,10 +4,9 @@ from pathlib import Path
 
 import pytest
 
-from gateway.datasets.camera_file import CameraFile
 from gateway.datasets.job import VIEWS_PER_TASK, Job, PlannedSample, make_job
 from gateway.datasets.scene_sources import Source, SourceKind
-from gateway.datasets.views import View
+from gateway.datasets.views import CameraFile, View
 from scenegate.datasets.manifest import FailureRecord
 from tests.datasets.conftest import SETTINGS
 

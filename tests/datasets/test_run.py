@@ -18,14 +18,13 @@ import pytest
 
 from gateway.datasets import local_tasks, resume
 from gateway.datasets import worker as worker_module
-from gateway.datasets.camera_file import CameraFile
 from gateway.datasets.errors import DatasetError
 from gateway.datasets.files import locked
 from gateway.datasets.job import RenderTask, Result
 from gateway.datasets.run import run
 from gateway.datasets.scene_sources import Source
 from gateway.datasets.scenes import LoadedScene, load_scene
-from gateway.datasets.views import View
+from gateway.datasets.views import CameraFile, View
 from gateway.datasets.worker import run_task
 from scenegate.datasets import manifest
 from scenegate.datasets.dataset import NO_LABEL, Dataset

@@ -120,7 +120,7 @@ CONSTANTS: Final[tuple[tuple[str, str, tuple[str, ...]], ...]] = (
         ("MAX_PIXELS", "MAX_SCANNED_PIXELS", "MAX_SEGMENTS", "MAX_UNCHECKED_IDAT", "MAX_PNG_CHUNKS"),
     ),
     ("Datasets: records", "scenegate.datasets.manifest", ("MAX_LINE_BYTES", "MAX_DESCRIPTION_BYTES")),
-    ("Datasets: camera files", "gateway.datasets.camera_file", ("MAX_FILE_BYTES",)),
+    ("Datasets: camera files", "gateway.datasets.views", ("MAX_FILE_BYTES",)),
     ("Datasets: names of scenes", "gateway.datasets.scene_sources", ("MAX_NAME_CHARS",)),
     ("Datasets: classes", "gateway.datasets.classes", ("MAX_CLASSES",)),
     ("Datasets: objects", "gateway.datasets.annotated_scene", ("MAX_OBJECTS",)),

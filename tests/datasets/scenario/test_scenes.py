@@ -16,7 +16,6 @@ import pytest
 from numpy.typing import NDArray
 
 from gateway.cli.render import _parse_scene_numbers
-from gateway.datasets.camera_file import CameraFile
 from gateway.datasets.check import check_dataset
 from gateway.datasets.errors import DatasetError
 from gateway.datasets.job import Job, make_job
@@ -26,7 +25,7 @@ from gateway.datasets.scenario.choices import SceneChoices
 from gateway.datasets.scenario.placement import CollisionSolid, are_apart, box_solid, rotation_of
 from gateway.datasets.scene_sources import find_scenes, find_sources
 from gateway.datasets.scenes import LoadedScene, SceneError, load_scene, model_names
-from gateway.datasets.views import SceneCamera, View, camera_of
+from gateway.datasets.views import CameraFile, SceneCamera, View, camera_of
 from gateway.datasets.worker import run_task
 from gateway.scene.draw.flatten import flatten
 from gateway.scene.draw.style import Style
