@@ -11,6 +11,7 @@ from llvmlite import ir
 from numba import extending, njit, types
 from numba.core.errors import TypingError
 
+from renderers.compiler.cache_locator import watch_compiler
 from renderers.compiler.numba_typing import define_fields, define_operator, intrinsic
 
 _extending: Any = extending
@@ -108,3 +109,15 @@ def test_minimum_and_maximum_are_those_of_python(dtype: Any) -> None:
     for a, b, c in itertools.product(map(dtype, numbers), repeat=3):
         results, expected = extremes(a, b, c), (min(a, b), max(a, b), min(a, b, c), max(a, b, c))
         assert np.array(results, dtype).tobytes() == np.array(expected, dtype).tobytes(), (a, b, c)
+
+
+@njit
+def clamped(value):
+    return max(min(value, 10, 11, 12), 1, 2, 3)  # four numbers: no other test has compiled Numba's own for them
+
+
+def test_minimum_and_maximum_are_not_compiled_as_functions() -> None:
+    compiled: list[None] = []
+    with watch_compiler(lambda *_: compiled.append(None)):
+        assert clamped(12) == 10
+    assert len(compiled) == 1
