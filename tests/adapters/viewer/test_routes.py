@@ -5,7 +5,6 @@ from __future__ import annotations
 import asyncio
 import io
 from collections.abc import AsyncIterator, Callable
-from dataclasses import dataclass, field
 from typing import Any
 
 import httpx2
@@ -33,36 +32,18 @@ from gateway.scene.draw.style import Style
 from gateway.scene.tree.geometry import Part, PointCloud
 from gateway.scene.tree.live import LiveTree, Snapshot
 from gateway.scene.tree.nodes import Node
-from renderers.camera import Camera
 from renderers.compiler import pending
-from renderers.drawlist import DrawList, Image, ImageError, Material
+from renderers.drawlist import Image, ImageError, Material
 from renderers.encode import png_rgb
 from renderers.images import image_from_bytes
-from renderers.interface import Frame, Look, Output
+from renderers.interface import Frame, Look
 from renderers.light_rig import Rig
-from renderers.stereo.depth.matching import in_turn
 from scenegate.messages.geometry import Box
+from tests.adapters.sceneapi.conftest import RecordingRenderer
 from tests.adapters.viewer.recordings import SECOND, States
 from tests.support.endless import EndlessRenderer, waits_for_studio
 from tests.support.view_frames import parse_frame
 from tests.support.waiting import SECONDS, until
-
-
-@dataclass
-class CountingRenderer:
-    """Returns grey images."""
-
-    cameras: list[Camera] = field(default_factory=list)
-    looks: list[Look | None] = field(default_factory=list)
-    instance_counts: list[int] = field(default_factory=list)
-
-    parallel = staticmethod(in_turn)
-
-    def render(self, scene: DrawList, camera: Camera, outputs: Output, look: Look | None = None) -> Frame:
-        self.cameras.append(camera)
-        self.looks.append(look)
-        self.instance_counts.append(len(scene.instances))
-        return Frame(color=np.full((camera.height, camera.width, 3), 90, np.uint8))
 
 
 def app_of(*routers: APIRouter) -> FastAPI:
@@ -96,12 +77,15 @@ class World:
         )
         self.renders: list[RenderRecord] = []
         self.hub = ViewHub(self.config, self.tree, renders=self.renders)
-        self.renderer = CountingRenderer()
+        self.renderer = RecordingRenderer()
         self.images = SceneImages(self.config, LiveScene(self.tree), self.renderer, WorkerPool(1))
         self.captures = 0
         sensor = SensorImages(self.capture, self.config.capture_seconds)
         self.app = app_of(router(self.hub), image_router(self.images, sensor, self.renders))
         self.http = httpx2.AsyncClient(transport=httpx2.ASGITransport(self.app), base_url="http://view")
+
+    def looks(self) -> list[Look]:
+        return [look for *_, look in self.renderer.calls]
 
     async def capture(self) -> StereoImages:
         self.captures += 1
@@ -161,14 +145,14 @@ async def test_images_of_an_earlier_time(world: World) -> None:
 async def test_concurrent_requests_share_one_rendering_per_revision(world: World) -> None:
     responses = await asyncio.gather(*(world.http.get("/view/frame.jpg?width=64&height=48") for _ in range(5)))
     assert {response.status_code for response in responses} == {200}
-    assert len(world.renderer.cameras) == 1
+    assert len(world.renderer.calls) == 1
     assert decode(responses[0].content).shape == (48, 64, 3)
     with world.tree.edit() as edit:
         edit.set_pose(("box",), (1, 0, 0, 1, 0, 0, 0))
     second = await world.http.get("/view/frame.jpg?width=64&height=48")
     assert int(second.headers["x-scene-revision"]) == world.tree.snapshot.revision
-    assert len(world.renderer.cameras) == 2
-    assert world.renderer.looks == [Look("studio", world.config.style.background, 4, Rig(exposure=0.5))] * 2
+    assert len(world.renderer.calls) == 2
+    assert world.looks() == [Look("studio", world.config.style.background, 4, Rig(exposure=0.5))] * 2
 
 
 async def test_an_image_waits_for_its_kernels_without_a_worker_thread(
@@ -180,7 +164,7 @@ async def test_an_image_waits_for_its_kernels_without_a_worker_thread(
         for width in (64, 65):
             plain = await world.http.get(f"/view/frame.jpg?width={width}&height=48&look=plain")
             assert plain.status_code == 200
-        assert [look.name for look in world.renderer.looks if look is not None] == ["plain", "plain"]
+        assert [look.name for look in world.looks()] == ["plain", "plain"]
         pending.finish("studio")
         assert (await studio).status_code == 200
 
@@ -210,11 +194,9 @@ async def test_invalid_requests_get_an_error_message(world: World, query: str, s
 async def test_images_have_the_visibility_and_background_of_the_query(world: World) -> None:
     for query in ("width=32&height=24", "width=32&height=24&hide=[[]]&background=0080ff"):
         assert (await world.http.get(f"/view/frame.jpg?{query}")).status_code == 200
-    first, second = world.renderer.looks
-    assert first is not None
-    assert second is not None
+    first, second = world.looks()
     assert second.background == (0, 128, 255) != first.background
-    before, after = world.renderer.instance_counts
+    before, after = (len(scene.instances) for scene, *_ in world.renderer.calls)
     assert (before > 0, after) == (True, 0)
 
 
@@ -231,7 +213,7 @@ async def test_images_have_the_visibility_and_background_of_the_query(world: Wor
 )
 async def test_sizes_up_to_the_limits_and_their_defaults(world: World, query: str, size: tuple[int, int]) -> None:
     response = await world.http.get(f"/view/frame.jpg?{query}")
-    (camera,) = world.renderer.cameras
+    ((_, camera, *_),) = world.renderer.calls
     assert (camera.width, camera.height) == size
     assert decode(response.content).shape == (size[1], size[0], 3)
 
@@ -395,7 +377,7 @@ async def test_streams_have_the_requested_rate_up_to_the_limit(
     assert (response.status_code, response.content) == (200, b"")
     assert response.headers["content-type"] == "multipart/x-mixed-replace; boundary=scenegate-frame"
     assert rates == [rate]
-    assert world.renderer.looks == [Look("plain", world.config.style.background, 1, world.config.style.rig)]
+    assert world.looks() == [Look("plain", world.config.style.background, 1, world.config.style.rig)]
     assert world.images.streams == 0
 
 
@@ -404,7 +386,7 @@ async def test_an_unchanged_image_is_repeated(world: World, monkeypatch: pytest.
     parts = world.images.stream(ImageRequest(parse_camera("fit"), 32, 24, 80, "plain"), 1000.0, lambda: False)
     async with asyncio.timeout(SECONDS):
         assert await anext(parts) == await anext(parts)
-    assert len(world.renderer.cameras) == 1
+    assert len(world.renderer.calls) == 1
     await parts.aclose()  # type: ignore[attr-defined]  # an async generator
 
 
@@ -485,6 +467,5 @@ async def test_default_and_requested_quality(
 @pytest.mark.parametrize(("look", "samples"), [("studio", 4), ("phong", 1), ("pbr", 1), ("plain", 1)])
 async def test_only_the_studio_look_has_several_samples(world: World, look: str, samples: int) -> None:
     await world.http.get(f"/view/frame.jpg?width=32&height=24&look={look}")
-    (chosen,) = world.renderer.looks
-    assert chosen is not None
+    (chosen,) = world.looks()
     assert (chosen.name, chosen.samples) == (look, samples)
