@@ -90,6 +90,7 @@ def test_the_page_follows_the_view_of_the_client(view: View, client: TreeViewer,
     client.set_view(background=None, grid=True)
     view.until(lambda: view.share("blue") < 0.01, "the page's own background")
     assert view.page.evaluate("scenegate.stage.grid.visible")
+    client.set_view(home=None, grid=None)  # for later tests, which have the same gateway
 
 
 def test_hidden_and_faded_nodes(view: View, client: TreeViewer, url: str) -> None:
