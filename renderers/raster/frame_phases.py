@@ -92,7 +92,8 @@ def _draw_shade_resolve(frame: RasterFrame, first_row: I64, end_row: I64, band_m
     """Draw, shade and resolve one band; ``band_memory``: as for ``set_band_layer``."""
     call_kernel(frame.draw_kernel, (address(frame), first_row, end_row, band_memory, COLOR_FACES))
     if frame.shade_kernel != 0:
-        # Shading has a job of its own, and reads the primitive ids, with which band_memory begins.
+        # Shading has a job of its own, and reads the primitive ids, with which band_memory begins: frames that shade
+        # have no layer of the whole image.
         call_kernel(frame.shade_kernel, (frame.shade_job, band_memory, first_row, end_row))
     if frame.first_back_bin != 0:  # depth and labels show kept back faces; the colour, shaded before, does not
         call_kernel(frame.draw_kernel, (address(frame), first_row, end_row, band_memory, KEPT_BACK_FACES))
@@ -102,7 +103,10 @@ def _draw_shade_resolve(frame: RasterFrame, first_row: I64, end_row: I64, band_m
 
 @device_function
 def _draw_and_shade_samples(frame: RasterFrame, first_row: I64, end_row: I64, band_memory: Address) -> None:
-    """Draw and shade one band, a SampleBand, with several samples per pixel, which have no other output than colour."""
+    """Draw and shade one band with several samples per pixel, whose only output is colour.
+
+    ``band_memory`` is the address of a SampleBand.
+    """
     call_kernel(frame.draw_kernel, (address(frame), first_row, end_row, band_memory))
     call_kernel(frame.edges_kernel, (address(frame), first_row, end_row, band_memory))
     call_kernel(frame.shade_kernel, (frame.shade_job, band_memory, frame.stride, first_row, end_row))

@@ -94,7 +94,7 @@ def collect_draws(frame: RasterFrame) -> I64:
         draw.first_vertex, draw.first_frame_primitive = vertices, primitives
         draw.positions, draw.indices = instance.positions, instance.indices
         draw.vertices_per_primitive = instance.vertices_per_primitive
-        draw.size, draw.first_id = instance.size, instance.first_id
+        draw.point_or_line_size, draw.first_id = instance.point_or_line_size, instance.first_id
         vertices += next_instance.first_vertex - instance.first_vertex
         primitives += next_instance.first_id - instance.first_id
         draw_count += 1

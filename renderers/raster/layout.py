@@ -1,6 +1,6 @@
 """Structs that the rasterizer's kernels share, and the constants of its fixed-point grid.
 
-RasterFrame ─┬─ RasterInstance    a mesh of the draw list
+RasterFrame ─┬─ RasterInstance    an instance of the draw list, without its pose
              ├─ Draw              an instance that is drawn in this frame
              ├─ Chunk ─ Primitive or SmallTriangle    1,024 of them, with the bins that each touches
              └─ Layer             visibility buffer: primitive id and 1/z of each pixel
@@ -122,7 +122,7 @@ class RasterInstance(Struct):
     vertices_per_primitive: I64  # a value of drawlist.Topology
     first_vertex: I64  # among all instances' vertices
     first_id: I64  # primitive id of its first primitive
-    size: F64  # point size or line width, pixels
+    point_or_line_size: F64  # point size or line width, pixels
     box_center: Pointer[F64] = inline(3)  # of convex meshes, see convex_culling
     box_half_extents: Pointer[F64] = inline(3)  # negative: not convex
     mesh_positions: Pointer[F32]  # the mesh's own arrays, which mesh_normals goes with
@@ -136,7 +136,7 @@ class Draw(Struct):
     positions: Pointer[F32]  # as in RasterInstance
     indices: Pointer[U32]
     vertices_per_primitive: I64
-    size: F64
+    point_or_line_size: F64
     first_vertex: I64  # among the drawn vertices
     first_frame_primitive: I64  # index of its first primitive among those drawn in the frame
     first_id: I64  # primitive id of its first primitive
@@ -169,7 +169,7 @@ BANDS: Final = 2
 PHASE_COUNT: Final = 3
 # Passes over a band, see ``coverage.draw_band``.
 COLOR_FACES: Final = 0
-"""All faces but the next ones, drawn into a cleared layer: colour images show no others."""
+"""All faces but kept back faces: what colour images show. The layer is cleared first."""
 KEPT_BACK_FACES: Final = 1
 """Back faces that are kept, drawn on top of the layer."""
 
@@ -226,10 +226,12 @@ class RasterFrame(Struct):
     yield_function: Address  # called while waiting for other threads
 
     # Depth peeling: limits for what passes the depth test, (height, stride) each; ids are int32, inv_z float32.
-    # Only what is behind the near layer passes, or at its depth with a lower id. Nothing passes where it is empty.
+    # near_bound, the layer peeled before: only what is behind it passes, or at its depth with a lower id. Nothing
+    # passes where it is empty.
     near_bound_ids: Address
     near_bound_inv_z: Address
-    # Only what is not behind the far layer passes, whatever its id. Everything passes where it is empty.
+    # far_bound, a layer of other instances, such as opaque ones: only what is not behind it passes, whatever its id.
+    # Everything passes where it is empty.
     far_bound_ids: Address
     far_bound_inv_z: Address
     id_limits: Address  # only what has an id below these passes
@@ -300,7 +302,7 @@ def set_band_layer(frame: RasterFrame, layer: Layer, first_row: I64, band_memory
 
 @device_function
 def draw_of(frame: RasterFrame, index: I64, is_vertex: bool) -> I64:
-    """Return the index of the Draw of a vertex, or of a primitive, among those drawn in the frame."""
+    """Return the index of the Draw with a vertex (``is_vertex``) or primitive; ``index``: its own among the frame's."""
     low, high = 0, frame.draw_count
     while high - low > 1:  # bisection: the draw is one of low .. high
         middle = (low + high) >> 1

@@ -166,7 +166,7 @@ def set_up_line(frame: RasterFrame, draw: Draw, primitive_in_mesh: I64, primitiv
     else:
         pixel_x0, pixel_y0, pixel_x1, pixel_y1 = v0[0], v0[1], v1[0], v1[1]
     x0, y0, x1, y1 = snap_to_grid(pixel_x0), snap_to_grid(pixel_y0), snap_to_grid(pixel_x1), snap_to_grid(pixel_y1)
-    half_width = i64(np.rint(min(max(draw.size, 1.0), float(MAX_POINT_SIZE)) * HALF_PIXEL))
+    half_width = i64(np.rint(min(max(draw.point_or_line_size, 1.0), float(MAX_POINT_SIZE)) * HALF_PIXEL))
     reach = half_width + frame.sample_reach
     box = pixel_box(frame, min(x0, x1), min(y0, y1), max(x0, x1), max(y0, y1), reach)
     if is_empty(box) or (x0 == x1 and y0 == y1):
@@ -193,7 +193,7 @@ def set_up_point(frame: RasterFrame, draw: Draw, primitive_in_mesh: I64, primiti
     w = vertex[2]
     if w < 0.0:
         return NOT_VISIBLE
-    size = i64(np.rint(min(max(draw.size, 1.0), float(MAX_POINT_SIZE))))
+    size = i64(np.rint(min(max(draw.point_or_line_size, 1.0), float(MAX_POINT_SIZE))))
     x0, y0 = snap_to_grid(vertex[0]) - size * HALF_PIXEL, snap_to_grid(vertex[1]) - size * HALF_PIXEL
     x1, y1 = x0 + size * SUBPIXEL, y0 + size * SUBPIXEL
     box = pixel_box(frame, x0, y0, x1, y1, frame.sample_reach)

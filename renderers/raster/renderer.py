@@ -20,7 +20,7 @@ from renderers.interface import VTK_LOOKS, Frame, Look, LookName, Output, Parall
 from renderers.raster.frame import FrameJob
 from renderers.raster.frame_threads import FrameThreads
 from renderers.raster.layout import MAX_SIDE
-from renderers.raster.msaa.resolve import allocate_sample_bands, mixed_bands, paint_each_sample
+from renderers.raster.msaa.resolve import allocate_sample_bands, mixing_shader, paint_each_sample
 from renderers.raster.scene import PreparedScene, Structure, prepare
 from renderers.shading import HeadlightJob, ShadingScene, paint, solid_pixels
 from renderers.shading import prepare as prepare_shading
@@ -331,4 +331,4 @@ class CpuRenderer:
             self._threads.share(job.task(shading_job.address))
         else:
             bands = allocate_sample_bands(threads, camera, samples, job.stride)
-            self._threads.share(job.sampled_task(*bands, mixed_bands(shading_job)))
+            self._threads.share(job.sampled_task(*bands, mixing_shader(shading_job)))

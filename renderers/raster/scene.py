@@ -234,7 +234,7 @@ def _build_structure(instances: Sequence[Instance]) -> Structure:
     materials = tuple([instance.material for instance in instances])
     point_sizes, line_widths = [m.point_size for m in materials], [m.line_width for m in materials]
     sizes = np.where(numbers[:, 2] == Topology.LINES, line_widths, point_sizes)  # pixels
-    table["size"][:-1] = np.where(np.isfinite(sizes), np.clip(sizes, 1.0, MAX_POINT_SIZE), 1.0)
+    table["point_or_line_size"][:-1] = np.where(np.isfinite(sizes), np.clip(sizes, 1.0, MAX_POINT_SIZE), 1.0)
     boxes = np.array([mesh.box for mesh in meshes], dtype=np.float64).reshape(count, 6)
     table["box_center"][:-1], table["box_half_extents"][:-1] = boxes[:, :3], boxes[:, 3:]
     modes = np.array([material.alpha_mode for material in materials], np.object_)

@@ -13,7 +13,8 @@
                   +--------+--------+
 
 In a row, the edge function of each of the three edges has the value ``edge + c edge_dx`` at column c, counted from the
-first column of the triangle's box. A pixel is inside where none of the three is negative.
+first column of the triangle's box. A pixel is inside where none of the three is negative: where its
+centre lies on an edge, the top-left rule of ``triangle_geometry`` has decided by the sign.
 
 A pixel is 256 grid units wide, so that edge_dx is a multiple of 256, and edge can be divided by 256 without a change of
 sign: with scaled_edge = (edge >> 8) + 1/2 and scaled_dx = edge_dx >> 8, column c is inside where scaled_edge +
@@ -77,7 +78,7 @@ class SmallTriangleSpans(Struct):
     aligned_left_in_box: I64  # the same, counted from the box's first column: perhaps negative
 
 
-class _ScanlineEdges(NamedTuple):
+class _ScaledEdges(NamedTuple):
     """The three scaled edge functions, and the factors that make column limits of them; in all lanes alike."""
 
     base: F32x8x3
@@ -110,6 +111,7 @@ def find_small_spans(
     edges = _load_edges(triangle)
     inv_z_base, inv_z_dy = vec.f32(triangle.inv_z_base), vec.f32(triangle.inv_z_dy)
     rows_in_box = vec.to_f32(vec.i32(groups_top - box_top) + vec.iota())
+    # Limits lie between columns: those right of the left limit and left of the right one are covered.
     box_left_limit, box_right_limit = vec.f32(left - box_left) - vec.f32(0.5), vec.f32(right - box_left) - vec.f32(0.5)
     blocks_0_to_7, block_8 = i64(0), i64(0)
     for group in range(group_count):
@@ -173,7 +175,7 @@ def _draw_block(
 def _groups_top(top: I64, end_row: I64, group_count: I64, first_row: I64) -> I64:
     """Return the first row of the first group, for a triangle that begins in row ``top``.
 
-    It is ``top``, unless the last group would have rows of the next band::
+    It is ``top``, unless the last group would have rows of the next band, which would be looked at for nothing::
 
         row  0   the band begins
         row 16   so the groups begin here: rows 16 to 23, and 24 to 31
@@ -187,7 +189,7 @@ def _groups_top(top: I64, end_row: I64, group_count: I64, first_row: I64) -> I64
 
 
 @inlined
-def _load_edges(triangle: SmallTriangle) -> _ScanlineEdges:
+def _load_edges(triangle: SmallTriangle) -> _ScaledEdges:
     """Return the edge functions of a triangle, in all lanes.
 
     Two vector loads take a third of the instructions that a load of each field would. Fields that are no edge functions
@@ -212,7 +214,7 @@ def _load_edges(triangle: SmallTriangle) -> _ScanlineEdges:
     # is +inf: none is. That needs +0: dx2 = 0 - dx0 - dx1 is never -0.
     left = vec.select(scaled_dx >= zero, factor, no_limit)
     right = vec.select(scaled_dx >= zero, no_limit, factor)
-    return _ScanlineEdges(
+    return _ScaledEdges(
         base=(base0 + half, base1 + half, base2 + half),
         dy=(dy0, dy1, dy2),
         left_factor=(_broadcast_lane(left, 0), _broadcast_lane(left, 1), _broadcast_lane(left, 2)),
@@ -227,9 +229,7 @@ def _broadcast_lane(vector: F32x8, k: I64) -> F32x8:
 
 
 @inlined
-def _covered_columns(
-    edges: _ScanlineEdges, rows_in_box: F32x8, box_left_limit: F32x8, box_right_limit: F32x8
-) -> I32x8x2:
+def _covered_columns(edges: _ScaledEdges, rows_in_box: F32x8, box_left_limit: F32x8, box_right_limit: F32x8) -> I32x8x2:
     """Return the first covered column, counted from the box's first, and the number of covered columns of eight rows.
 
     Column c is covered if left_limit < c < right_limit: from floor(left_limit + 1) to the end floor(right_limit + 1).
@@ -251,7 +251,7 @@ def _covered_columns(
 
 @inlined
 def _limit_by_edge(
-    left_limit: F32x8, right_limit: F32x8, edges: _ScanlineEdges, edge: I64, rows_in_box: F32x8
+    left_limit: F32x8, right_limit: F32x8, edges: _ScaledEdges, edge: I64, rows_in_box: F32x8
 ) -> F32x8x2:
     """Return the column limits of eight rows, narrowed to the inner side of an edge, 0 to 2.
 

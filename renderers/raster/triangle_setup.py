@@ -60,7 +60,7 @@ class _LaneBits(NamedTuple):
     general: I64
     """Those that ``small`` cannot have: large, to be clipped, or with depths beyond MAX_SMALL_DEPTH_RATIO."""
     culled: I64
-    """Those whose visible side is culled. If the frame keeps them for its depth, they are in ``small``, too."""
+    """Those whose side towards the camera is culled. In ``small`` they are only if the frame keeps culled faces."""
 
 
 @device_function

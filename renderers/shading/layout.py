@@ -9,7 +9,7 @@ from renderers.compiler.simd import LANES
 from renderers.compiler.structs import Struct, inline
 
 MAX_PART_PIXELS: Final = 256
-"""Maximum number of pixels shaded at a time: their attributes stay in the first-level cache. A multiple of 64."""
+"""Maximum number of pixels shaded at a time: their attributes stay in the first-level cache. A power of two."""
 ROW_STRIDE: Final = MAX_PART_PIXELS + LANES
 """Values in a row of PartPixels or PartSpans. Vectors reach up to seven beyond a part's last pixel or span."""
 UV_SET_ROWS: Final = 2 + 2
@@ -134,7 +134,8 @@ def inline_rows(count: int) -> Any:
 
 
 class PartSpans(Struct):
-    """Spans of a part: rows of ROW_STRIDE float32, one value per span. Fields with a change are linear along a span.
+    """Spans of a part: rows of ROW_STRIDE float32, one value per span. Those with rows
+    n + n are linear along a span.
 
     Weighted sums are those of the vertices' attributes, each times the weight of the vertex (``span_weights``)."""
 
@@ -160,9 +161,8 @@ class PartPixels(Struct):
     """Attributes of a part's pixels, from which they are shaded: rows of ROW_STRIDE float32, one value per pixel."""
 
     normal: Pointer[F32] = inline_rows(3)  # optical frame, of the visible side, any length
-    facing: Pointer[F32] = inline_rows(
-        1
-    )  # if used_attribute_bits has HAS_TANGENTS: -1 where a back face is visible, else 1
+    # If used_attribute_bits has HAS_TANGENTS: -1 where a back face is visible, else 1.
+    facing: Pointer[F32] = inline_rows(1)
     uv: Pointer[F32] = inline_rows(2 * 2)  # uv0, uv1
     color: Pointer[F32] = inline_rows(4)  # vertex colour, RGBA
     tangent: Pointer[F32] = inline_rows(4)  # optical frame, any length; sign of the bitangent

@@ -5,7 +5,7 @@ Materials call ``sample``. It calls the kernel ``sample_texture``, at the end of
 - OpenGL's filters, in three loops over the pixels: ``_select_levels`` chooses mip levels, ``_locate_in_levels`` finds
   the texels, and ``_read_levels`` reads and mixes them. A processor overlaps the loads of short loops better than those
   of one long loop, and large textures' texels are prefetched before they are read.
-- ``_sample_areas``, with ``area_filter``: means over each pixel's area.
+- ``_sample_areas``, with ``area_filter``, if the material reads gradients: means over each pixel's area.
 
 Parameters that mean the same in all steps:
 
@@ -116,7 +116,8 @@ def _select_levels(
     """Fill ``level``, ``next_level_weight`` and ``sample_uv``; return True if any pixel is between two levels.
 
     If the texture has no mip levels and one filter for magnification and minification, all pixels get level 0, not
-    MAGNIFIED, and the gradient is not read: ``materials`` sets ``reads_gradients`` by Sampler.depends_on_scale.
+    MAGNIFIED. The gradient is not read then, since it may not be stored: ``materials`` sets ``reads_gradients`` by the
+    same condition, Sampler.depends_on_scale.
     """
     depends_on_scale = texture.mip_mode != MIPS_NONE or texture.mag_linear != texture.min_linear
     width, height, zero = vec.f32(fields.width), vec.f32(fields.height), vec.f32(0.0)

@@ -3,7 +3,7 @@
 In: the spans of a part (see ``spans``), each with its first pixel and the primitive that it sees, and the mesh.
 Out: rows of PartSpans. The *weights* of a primitive's vertices are their barycentric coordinates times a common
 factor, which makes them linear over the image: see the head of ``span_weights``. The sum of the weights is that factor.
-Weighted sums of attributes are linear, too. Two values a span describe each::
+Weighted sums of attributes are linear, too. Two values per span describe each sum::
 
     weighted sum
         │            ·     start + per_pixel * (pixel - first pixel)
@@ -11,9 +11,9 @@ Weighted sums of attributes are linear, too. Two values a span describe each::
         │  ·               start = sum of weights.start[v] * attribute[v] over the vertices v; per_pixel likewise
         └─────────────── pixels of the span
 
-``interpolation`` divides them by the sum of the weights, so that attributes are perspective-correct. If shading reads
-them, there are also 1/z, which is linear by itself, flat normals, and, for texture filters, the changes of weighted
-sums per column and row of the image. Signs of a triangle, by the order of its vertices on screen::
+``interpolation`` divides them by the sum of the weights, so that attributes are perspective-correct. Three more kinds
+of values are stored where shading reads them: 1/z, which is linear by itself, flat normals, and, for texture filters,
+the changes of weighted sums per column and row of the image. Signs of a triangle, by the order of its vertices::
 
                          determinant    weight_sign    facing    facing in a mirrored instance
     counter-clockwise        < 0            -1            1          -1
@@ -82,7 +82,7 @@ class CornerIndexPointers(NamedTuple):
 
 @device_function
 def set_up_part(context: ShadingContext, first_span: I64, part_end_span: I64, segment_end_span: I64) -> bool:
-    """Fill PartSpans for a part of a segment: the spans ``first_span .. part_end_span``, at most one for each pixel.
+    """Fill PartSpans for a part of a segment: the spans ``first_span .. part_end_span``, at most MAX_PART_PIXELS.
 
     Return True if the normal is constant along each span. Spans from ``segment_end_span`` on are not prefetched.
     """
@@ -127,7 +127,7 @@ def _set_up_eight_spans(context: ShadingContext, span: I64, span_count: I64, slo
 
     Return True if the normal is constant along each span.
     """
-    spans, material, attribute_bits = context.part_spans, context.material, context.used_attribute_bits
+    part_spans, material, attribute_bits = context.part_spans, context.material, context.used_attribute_bits
     # Pixels and primitives. Lanes beyond the last span repeat it: what follows may belong to other instances.
     source_lane = vec.minimum(vec.iota(), vec.i32(span_count - 1))
     primitive_id = vec.permute(vec.load(context.span_primitive_ids, span), source_lane)
@@ -152,9 +152,9 @@ def _set_up_eight_spans(context: ShadingContext, span: I64, span_count: I64, slo
     # As in the table of signs. Any value will do for lines and points: they have no faces, and are not lit.
     mirror_sign = vec.f32(context.matrices.mirror_sign)
     facing = vec.select(determinant > vec.f64(0.0), -mirror_sign, mirror_sign)
-    vec.store(spans.first_column, slot, vec.to_f32(first_column))
-    vec.store(spans.facing, slot, facing)
-    _store_weight_sums(advance(spans.weight_sum, slot), weights.start, weights.per_pixel)
+    vec.store(part_spans.first_column, slot, vec.to_f32(first_column))
+    vec.store(part_spans.facing, slot, facing)
+    _store_weight_sums(advance(part_spans.weight_sum, slot), weights.start, weights.per_pixel)
 
     # Attributes that the mesh has and the material reads.
     has_vertex_normals = (attribute_bits & HAS_NORMALS) != 0
@@ -164,17 +164,17 @@ def _set_up_eight_spans(context: ShadingContext, span: I64, span_count: I64, slo
     if not has_vertex_normals or context.inputs.reads_flat_normals != 0:
         _store_flat_normals(context, slot, p0, p1, p2, weight_sign)
     if attribute_bits & HAS_UV0:
-        _store_attributes(advance(spans.uv, slot), 2, weights.start, weights.per_pixel, corner_values, VERTEX_UV0)
+        _store_attributes(advance(part_spans.uv, slot), 2, weights.start, weights.per_pixel, corner_values, VERTEX_UV0)
     if context.inputs.reads_positions != 0:
         depths = p0[2], p1[2], p2[2]
         inv_z, inv_z_per_pixel = inv_z_along_span(matrix, determinant, weight_sign, rays, steps_to_last, depths)
-        vec.store(spans.inv_z, slot, vec.to_f32(inv_z))
-        vec.store(spans.inv_z, ROW_STRIDE + slot, vec.to_f32(inv_z_per_pixel))
+        vec.store(part_spans.inv_z, slot, vec.to_f32(inv_z))
+        vec.store(part_spans.inv_z, ROW_STRIDE + slot, vec.to_f32(inv_z_per_pixel))
     if material.reads_gradients != 0:
         _store_gradients(context, slot, weights, corner_values)
     if attribute_bits & HAS_COLORS:
         colors = _load_colors(context.instance.colors, index_pointers)
-        _store_attributes(advance(spans.color, slot), _COLOR_COLUMNS, weights.start, weights.per_pixel, colors, 0)
+        _store_attributes(advance(part_spans.color, slot), _COLOR_COLUMNS, weights.start, weights.per_pixel, colors, 0)
     if attribute_bits & (HAS_UV1 | HAS_TANGENTS):
         _store_extras(context, slot, weights, _load_vertex_rows(context.instance.extras, index_pointers))
     return has_constant_normals
@@ -231,24 +231,24 @@ def _weighted_sum3(weights: F32x8x3, corner_values: CornerAttributes[F32x8x8], k
 def _store_attributes(
     rows: Pointer[F32],
     component_count: I64,
-    first_weights: F32x8x3,
-    second_weights: F32x8x3,
+    upper_weights: F32x8x3,
+    lower_weights: F32x8x3,
     corner_values: CornerAttributes[VertexValues],
     first_component: I64,
 ) -> None:
-    """Store weighted sums of ``component_count`` components, one a row: by ``first_weights``, and below them in as many
-    rows by ``second_weights``."""
+    """Store weighted sums of ``component_count`` components, one a row: by ``upper_weights``, and below them in as many
+    rows by ``lower_weights``."""
     for j in range(component_count):
-        vec.store(rows, j * ROW_STRIDE, _weighted_sum(first_weights, corner_values, first_component + j))
-        second_row = (component_count + j) * ROW_STRIDE
-        vec.store(rows, second_row, _weighted_sum(second_weights, corner_values, first_component + j))
+        vec.store(rows, j * ROW_STRIDE, _weighted_sum(upper_weights, corner_values, first_component + j))
+        lower_row = (component_count + j) * ROW_STRIDE
+        vec.store(rows, lower_row, _weighted_sum(lower_weights, corner_values, first_component + j))
 
 
 @inlined
-def _store_weight_sums(rows: Pointer[F32], first_weights: F32x8x3, second_weights: F32x8x3) -> None:
-    """Store the sum of ``first_weights``, and in the row below it that of ``second_weights``."""
-    vec.store(rows, 0, first_weights[0] + first_weights[1] + first_weights[2])
-    vec.store(rows, ROW_STRIDE, second_weights[0] + second_weights[1] + second_weights[2])
+def _store_weight_sums(rows: Pointer[F32], upper_weights: F32x8x3, lower_weights: F32x8x3) -> None:
+    """Store the sum of ``upper_weights``, and in the row below it that of ``lower_weights``."""
+    vec.store(rows, 0, upper_weights[0] + upper_weights[1] + upper_weights[2])
+    vec.store(rows, ROW_STRIDE, lower_weights[0] + lower_weights[1] + lower_weights[2])
 
 
 @inlined
@@ -279,7 +279,7 @@ def _store_flat_normals(
     context: ShadingContext, slot: I64, p0: F64x8x3, p1: F64x8x3, p2: F64x8x3, weight_sign: F64x8
 ) -> None:
     """Fill ``flat_normal``, and ``normal`` if the mesh has no normals that the material reads."""
-    spans, zero, one = context.part_spans, vec.f64(0.0), vec.f64(1.0)
+    part_spans, zero, one = context.part_spans, vec.f64(0.0), vec.f64(1.0)
     plane_normal = cross(minus(p1, p0), minus(p2, p0))
     length = vec.sqrt(dot(plane_normal, plane_normal))
     has_length = (length > zero) & (length < vec.f64(math.inf))
@@ -287,10 +287,10 @@ def _store_flat_normals(
     scale = vec.select(has_length, (zero - weight_sign) / vec.select(has_length, length, one), zero)
     normal = to_f32x3(times(plane_normal, scale))
     if (context.used_attribute_bits & HAS_NORMALS) == 0:  # ``interpolate`` reads ``normal`` even for unlit materials
-        store3(advance(spans.normal, slot), 0, ROW_STRIDE, normal)
+        store3(advance(part_spans.normal, slot), 0, ROW_STRIDE, normal)
         no_change = vec.f32(0.0), vec.f32(0.0), vec.f32(0.0)
-        store3(advance(spans.normal, 3 * ROW_STRIDE + slot), 0, ROW_STRIDE, no_change)
-    store3(advance(spans.flat_normal, slot), 0, ROW_STRIDE, normal)
+        store3(advance(part_spans.normal, 3 * ROW_STRIDE + slot), 0, ROW_STRIDE, no_change)
+    store3(advance(part_spans.flat_normal, slot), 0, ROW_STRIDE, normal)
 
 
 @inlined
@@ -298,23 +298,23 @@ def _store_gradients(
     context: ShadingContext, slot: I64, weights: Weights, corner_values: CornerAttributes[F32x8x8]
 ) -> None:
     """Store how the sums of the weights and of uv0 change per column and row of the image; uv1's: ``_store_extras``."""
-    spans, per_column, per_row = context.part_spans, weights.per_column, weights.per_row
-    _store_weight_sums(advance(spans.weight_sum_gradient, slot), per_column, per_row)
+    part_spans, per_column, per_row = context.part_spans, weights.per_column, weights.per_row
+    _store_weight_sums(advance(part_spans.weight_sum_gradient, slot), per_column, per_row)
     if context.used_attribute_bits & HAS_UV0:
-        _store_attributes(advance(spans.uv_gradient, slot), 2, per_column, per_row, corner_values, VERTEX_UV0)
+        _store_attributes(advance(part_spans.uv_gradient, slot), 2, per_column, per_row, corner_values, VERTEX_UV0)
 
 
 @inlined
 def _store_extras(context: ShadingContext, slot: I64, weights: Weights, extras: CornerAttributes[F32x8x8]) -> None:
     """Store weighted sums of uv1 and of tangents."""
-    spans, uv1_offset = context.part_spans, UV_SET_ROWS * ROW_STRIDE + slot
+    part_spans, uv1_offset = context.part_spans, UV_SET_ROWS * ROW_STRIDE + slot
     if context.used_attribute_bits & HAS_UV1:
-        _store_attributes(advance(spans.uv, uv1_offset), 2, weights.start, weights.per_pixel, extras, EXTRA_UV1)
+        _store_attributes(advance(part_spans.uv, uv1_offset), 2, weights.start, weights.per_pixel, extras, EXTRA_UV1)
         if context.material.reads_gradients != 0:
             per_column, per_row = weights.per_column, weights.per_row
-            _store_attributes(advance(spans.uv_gradient, uv1_offset), 2, per_column, per_row, extras, EXTRA_UV1)
+            _store_attributes(advance(part_spans.uv_gradient, uv1_offset), 2, per_column, per_row, extras, EXTRA_UV1)
     if context.used_attribute_bits & HAS_TANGENTS:
-        tangents = advance(spans.tangent, slot)
+        tangents = advance(part_spans.tangent, slot)
         _store_tangents(context, tangents, weights.start, extras)
         _store_tangents(context, advance(tangents, 4 * ROW_STRIDE), weights.per_pixel, extras)
 

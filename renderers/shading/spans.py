@@ -41,6 +41,7 @@ _ID_BEYOND_ROW: Final = -(2**31)
 _PIXELS_PER_WORD: Final = 64
 """Pixels whose start bits are one int64."""
 assert MAX_PART_PIXELS % _PIXELS_PER_WORD == 0  # so that every MAX_PART_PIXELS-th pixel has the first bit of a word
+assert MAX_PART_PIXELS & (MAX_PART_PIXELS - 1) == 0
 _ALL_BITS: Final = -1
 _HIGHEST_BIT: Final = -(2**63)
 

@@ -2,7 +2,7 @@
 
 ``locate`` stores which texels a pixel reads, two pairs of neighbours, and ``read_texels`` interpolates between them.
 They are called in separate loops over the pixels, so that the processor overlaps the loads of many pixels. The head of
-``textures`` shows where mip levels are in memory::
+``textures`` shows where mip levels are in memory. The four texels a to d, and the weights tx and ty::
 
     upper offset ->  [a b]       a + tx (b - a)
                                                 > + ty (..)
@@ -27,7 +27,7 @@ from renderers.shading.layout import ROW_STRIDE, PartPixels, ShadingTexture
 from renderers.shading.texture_table import WRAP_CLAMP, WRAP_MIRROR, WRAP_REPEAT
 
 _MAX_COORDINATE: Final = np.float32(1e9)
-"""Larger coordinates and NaN become 0, since float32 has no fractions of such numbers."""
+"""Larger coordinates, which have no fraction in float32, and NaN become 0."""
 _INV_255: Final = np.float32(1.0 / 255.0)
 
 
@@ -122,8 +122,8 @@ def _texel_columns(s: F32x8, wrap: I64, width: I32x8, is_linear: Mask8) -> tuple
         return vec.select(column < vec.i32(0), column + width, column), weight
     last = width - vec.i32(1)
     if wrap == WRAP_MIRROR:
-        # From ``width`` on, column i shows column 2 width - 1 - i: ``column`` shows the right one of the pair,
-        # and column + 1 the left one, 2 width - 2 - column.
+        # Column i >= width is the mirror image of column 2 width - 1 - i. So the pair lies the other way round in
+        # memory: column + 1 is the left one, 2 width - 2 - column, and the weight is that of the other one.
         is_mirrored = column >= width
         column = vec.select(is_mirrored, last + last - column, column)
         weight = vec.select(is_mirrored, vec.f32(1.0) - weight, weight)
@@ -142,8 +142,8 @@ def _texel_rows(t: F32x8, wrap: I64, height: I32x8, is_linear: Mask8) -> tuple[I
         row = vec.select(row < zero, row + height, row)
         return row, vec.select(next_row < height, next_row, zero), weight
     if wrap == WRAP_MIRROR:
-        # From ``height`` on, row i shows row 2 height - 1 - i. Two rows show row 0 and are -1 after this, which
-        # ``_clamped`` makes 0: row -1, and row 2 height, the first one of the next period.
+        # Row i >= height is the mirror image of row 2 height - 1 - i. Row -1, and row 2 height of the next period, are
+        # both images of row 0. They are -1 after this, and ``_clamped`` makes them 0.
         row = vec.select(row < height, row, height + height - one - row)
         next_row = vec.select(next_row < height, next_row, height + height - one - next_row)
     return _clamped(row, height), _clamped(next_row, height), weight
@@ -196,7 +196,7 @@ def _channel(texel: I32x8, k: I64) -> I32x8:
 
 
 @inlined
-def _unit_channel(a: I32x8, b: I32x8, c: I32x8, d: I32x8, tx: F32x8, ty: F32x8, k: I64) -> F32x8:
+def _bilinear_channel(a: I32x8, b: I32x8, c: I32x8, d: I32x8, tx: F32x8, ty: F32x8, k: I64) -> F32x8:
     """Return channel ``k``, stored byte / 255, between four texels."""
     upper = vec.to_f32(_channel(a, k)), vec.to_f32(_channel(b, k))
     lower = vec.to_f32(_channel(c, k)), vec.to_f32(_channel(d, k))
@@ -222,9 +222,9 @@ def read_texels(
         a, b = vec.load_pairs(fields.texels, offsets, pixel)
         c, d = vec.load_pairs(fields.texels, offsets, ROW_STRIDE + pixel)
         if not fields.srgb:
-            red = _unit_channel(a, b, c, d, tx, ty, 0)
-            green = _unit_channel(a, b, c, d, tx, ty, 1)
-            blue = _unit_channel(a, b, c, d, tx, ty, 2)
+            red = _bilinear_channel(a, b, c, d, tx, ty, 0)
+            green = _bilinear_channel(a, b, c, d, tx, ty, 1)
+            blue = _bilinear_channel(a, b, c, d, tx, ty, 2)
         if with_alpha:
-            alpha = _unit_channel(a, b, c, d, tx, ty, 3)
+            alpha = _bilinear_channel(a, b, c, d, tx, ty, 3)
     return red, green, blue, alpha

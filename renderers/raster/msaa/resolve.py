@@ -25,8 +25,8 @@ _GAP: Final = 64
 
 def allocate_sample_bands(threads: int, camera: Camera, samples: int, stride: int) -> tuple[int, object]:
     """Return the address of a SampleBand for each thread, and their memory; ``stride``: of a row of ids."""
-    max_entries = (samples - 1) * camera.width
-    counts = {  # of values of 4 bytes
+    max_entries = (samples - 1) * camera.width  # of a row: all surfaces of its pixels but one each, see SampleBand
+    word_counts = {  # words of 4 bytes
         "sample_ids": BAND_ROWS * stride * LANES,
         "sample_inv_z": BAND_ROWS * stride * LANES,
         "ids": BAND_ROWS * stride,
@@ -42,20 +42,20 @@ def allocate_sample_bands(threads: int, camera: Camera, samples: int, stride: in
         "mixed": BAND_ROWS * stride,
         "entry_colors": BAND_ROWS * max_entries * 3 // 4,
     }
-    nbytes = 4 * (sum(counts.values()) + _GAP * len(counts))
-    memory, first = aligned((threads * nbytes,), np.uint8)
+    nbytes = 4 * (sum(word_counts.values()) + _GAP * len(word_counts))
+    memory, array_address = aligned((threads * nbytes,), np.uint8)
     bands, address = aligned((threads,), SampleBand.dtype)
     bands["max_entries"] = max_entries
-    for field, count in counts.items():
-        bands[field] = first + nbytes * np.arange(threads)
-        first += 4 * (count + _GAP)
+    for field, count in word_counts.items():
+        bands[field] = array_address + nbytes * np.arange(threads)
+        array_address += 4 * (count + _GAP)
     return address, (memory, bands)
 
 
-def mixed_bands(job: HeadlightJob) -> SampledShader:
+def mixing_shader(job: HeadlightJob) -> SampledShader:
     """Return a shader of an opaque scene that mixes colours as bytes, as VTK does; ``job``: of the whole image."""
-    own_job = np.array((kernel_address(shade_rows), job.address), np.int64)
-    return SampledShader(kernel_address(shade_mixed), address_of(own_job, np.int64), (own_job, job))
+    mixing_job = np.array((kernel_address(shade_rows), job.address), np.int64)
+    return SampledShader(kernel_address(shade_mixed), address_of(mixing_job, np.int64), (mixing_job, job))
 
 
 def paint_each_sample(

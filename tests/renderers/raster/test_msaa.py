@@ -15,7 +15,7 @@ from renderers.raster import CpuRenderer
 from renderers.raster import frame as cpu_frame
 from renderers.raster import renderer as cpu_renderer
 from renderers.raster.frame_phases import run_phases
-from renderers.raster.msaa.resolve import mixed_bands
+from renderers.raster.msaa.resolve import mixing_shader
 from tests.renderers.scenes import camera, grid, mesh, pose, soup, sphere
 
 BACKGROUND = (10, 200, 90)
@@ -143,7 +143,7 @@ def test_memory_read_by_kernels_outlives_them(monkeypatch: pytest.MonkeyPatch) -
     alive: list[bool] = []
 
     def remember(*arguments: Any) -> Any:
-        shader: Any = mixed_bands(*arguments)
+        shader: Any = mixing_shader(*arguments)
         made.append(weakref.ref(shader.keep[0]))
         return shader
 
@@ -152,7 +152,7 @@ def test_memory_read_by_kernels_outlives_them(monkeypatch: pytest.MonkeyPatch) -
         if alive[-1]:
             run_phases(address, until_finished)
 
-    monkeypatch.setattr(cpu_renderer, "mixed_bands", remember)
+    monkeypatch.setattr(cpu_renderer, "mixing_shader", remember)
     monkeypatch.setattr(cpu_frame, "run_phases", check_and_run)
     renderer = CpuRenderer(1)
     color(renderer, _scenes()["surfaces"], camera(), "phong", 8)
