@@ -26,11 +26,13 @@ main(["play", __import__("os").devnull])
 @pytest.mark.parametrize(
     "program", [("-c", PRINTING), ("-m", "scenegate", "--help"), ("-m", "scenegate", "serve", "--help")]
 )
-def test_the_end_of_the_reader_of_stdout_is_silent(program: tuple[str, ...]) -> None:
+@pytest.mark.parametrize("unbuffered", ["", "1"])
+def test_the_end_of_the_reader_of_stdout_is_silent(program: tuple[str, ...], unbuffered: str) -> None:
     reader, writer = os.pipe()
     os.close(reader)
+    environment = {**os.environ, "PYTHONUNBUFFERED": unbuffered}
     try:
-        ran = subprocess.run([sys.executable, *program], stdout=writer, stderr=subprocess.PIPE)
+        ran = subprocess.run([sys.executable, *program], stdout=writer, stderr=subprocess.PIPE, env=environment)
     finally:
         os.close(writer)
     assert ran.returncode in (0, 1)

@@ -78,6 +78,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
         if isinstance(error, BrokenPipeError) and standard_streams.reader_has_ended():  # as in ``scenegate … | head``
             sys.exit(1)
         sys.exit(printable(f"scenegate: {_sentence(error)}"))
+    finally:
+        standard_streams.flush()
 
 
 def command_parser(name: str) -> argparse.ArgumentParser:

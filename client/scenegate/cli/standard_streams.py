@@ -21,6 +21,14 @@ def prepare() -> None:
         out.reconfigure(errors="replace")
 
 
+def flush() -> None:
+    """Write what stdout holds back, or discard it if its reader has ended: at exit, that would be an error."""
+    try:
+        sys.stdout.flush()
+    except BrokenPipeError:
+        reader_has_ended()
+
+
 def reader_has_ended() -> bool:
     """Return whether stdout is a pipe without a reader. Output that waits is then discarded at exit."""
     try:
