@@ -12,7 +12,7 @@ from scenegate.cli.output import exit_with_usage_error
 
 
 def _stop(arguments: Sequence[str]) -> NoReturn:
-    with suppress(RuntimeError):  # the signal arrived in the middle of another line
+    with suppress(OSError):  # nobody reads it
         first_line.write(arguments, first_line.STOPPED)
     sys.exit(0)
 

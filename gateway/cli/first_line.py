@@ -34,7 +34,10 @@ def write(arguments: Sequence[str], event: str = START) -> None:
     else:
         now = time.strftime("%Y-%m-%dT%H:%M:%SZ", time.gmtime())
         line = json.dumps({"event": event, "level": "info", "logger": "gateway", "timestamp": now})
-    print(line, file=sys.stderr, flush=True)  # noqa: T201 - the log is not configured yet
+    if event == STOPPED:  # a handler of signals writes it, which may not use a stream that is in use
+        os.write(sys.stderr.fileno(), f"{line}\n".encode())
+    else:
+        print(line, file=sys.stderr, flush=True)  # noqa: T201 - the log is not configured yet
 
 
 def _setting(name: str, arguments: Sequence[str]) -> Any:
