@@ -50,7 +50,8 @@ def pixels(image: pb.Image) -> NDArray[Any]:
         TypeError: ``image`` is not an image.
     """
     _check_message(image, "encoding", "images.left or images.disparity.image")
-    if not (image.encoding or image.data):
+    data = image.data  # protobuf copies it at each read
+    if not (image.encoding or data):
         raise BadImageError("the set does not have this image: request it, as by StreamOptions(…, left=True)")
     formats = {"mono8": ("u1", 1), "mono16": ("u2", 1), "rgb8": ("u1", 3)}
     if image.encoding not in formats:
@@ -58,9 +59,9 @@ def pixels(image: pb.Image) -> NDArray[Any]:
     type_code, channels = formats[image.encoding]
     dtype = np.dtype(type_code).newbyteorder(">" if image.is_bigendian else "<")
     row_bytes = image.width * channels * dtype.itemsize
-    if image.step < row_bytes or len(image.data) < image.step * image.height:
-        raise BadImageError(f"{len(image.data)} bytes are too few for {image.width}x{image.height} {image.encoding}")
-    padded_rows = np.frombuffer(image.data, np.uint8, image.step * image.height).reshape(image.height, image.step)
+    if image.step < row_bytes or len(data) < image.step * image.height:
+        raise BadImageError(f"{len(data)} bytes are too few for {image.width}x{image.height} {image.encoding}")
+    padded_rows = np.frombuffer(data, np.uint8, image.step * image.height).reshape(image.height, image.step)
     array = np.ascontiguousarray(padded_rows[:, :row_bytes]).view(dtype).astype(dtype.newbyteorder("="), copy=False)
     return array.reshape((image.height, image.width, 3) if channels == 3 else (image.height, image.width))
 
