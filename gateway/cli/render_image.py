@@ -2,7 +2,14 @@
 
 from pathlib import Path
 
-from gateway.datasets.rendering import IMAGE_FORMATS, OUTPUTS, render_images, rig_warning, style_of, view_hint
+from gateway.datasets.rendering import (
+    IMAGE_FORMATS,
+    SINGLE_IMAGE_TYPES,
+    render_images,
+    rig_warning,
+    style_of,
+    view_hint,
+)
 from gateway.datasets.scene_sources import SourceKind, find_sources
 from gateway.datasets.scenes import SceneError, load_options, load_scene
 from gateway.datasets.views import View, camera_of
@@ -29,7 +36,7 @@ def _render_image(path: Path, out: Path, settings: Settings, views: tuple[View, 
     if len(views) > 1:
         raise ValueError(f"{out} is one image: for more cameras name a folder with -o")
     (image_type,) = settings.types
-    if image_type not in (*OUTPUTS, "albedo"):
+    if image_type not in SINGLE_IMAGE_TYPES:
         raise ValueError(f"--type {image_type} is for datasets; name a folder with -o")
     suffix = out.suffix[1:].lower()
     if suffix not in IMAGE_FORMATS[image_type]:

@@ -42,6 +42,8 @@ OUTPUTS: Final[dict[ImageType, Output]] = {
     "normal": Output.NORMAL,
 }
 """The renderer's output for each type of image that is one."""
+SINGLE_IMAGE_TYPES: Final[tuple[ImageType, ...]] = (*OUTPUTS, "albedo")
+"""Types of images that need neither objects nor a second camera. Each can be rendered without a dataset."""
 IMAGE_FORMATS: Final[dict[ImageType, tuple[str, ...]]] = {
     "color": ("png", "jpg", "jpeg"),
     "depth": ("tiff", "tif", "png"),
