@@ -7,6 +7,7 @@
 ``encoder``          updates: the differences between two revisions of the scene, encoded once for all browsers
 ``messages``         all messages to and from the page; the page's types are written from them
 ``geometry_messages``    parts, draws and materials as those of messages
+``light``            the light of the page: the rig of the gateway's images
 ``frames``           the format of binary WebSocket messages: a JSON header and arrays; those with controls
 ``resources``        ids of meshes, textures and point clouds, and encoded meshes
 
