@@ -13,7 +13,7 @@ Each row of a visibility buffer goes through the same steps, called by ``headlig
    MAX_PART_PIXELS of a segment, shaded at a time).
 2. ``span_setup`` fills PartSpans: weighted sums of vertex attributes at the start of each span, and their changes
    per pixel. ``interpolation`` turns them into PartPixels, eight pixels at a time.
-3. ``material``: base colour, normal map and the other maps, read by ``sampling`` (``mip_levels``, ``texels``,
+3. ``material``: base colour, normal map and the other maps, read by ``sampling`` (``level_of_detail``, ``texels``,
    ``area_filter``), into further rows of PartPixels.
 4. ``headlight.lighting`` or ``studio.lighting``: light (``brdf``).
 5. ``headlight.output_merge`` or ``studio.tone_mapping``: translucent layers, background; ``packed_rows``: bytes.

@@ -177,7 +177,7 @@ class PartPixels(Struct):
     emissive: Pointer[F32] = inline_rows(4)
     scratch_color: Pointer[F32] = inline_rows(4)  # any other texture, or what ``camera_light`` adds
     # ``sampling`` fills and reads these for one texture after the other:
-    level: Pointer[I32] = inline(ROW_STRIDE)  # mip level, or mip_levels.MAGNIFIED
+    level: Pointer[I32] = inline(ROW_STRIDE)  # mip level, or level_of_detail.MAGNIFIED
     next_level_weight: Pointer[F32] = inline_rows(1)  # 0 .. 1, of the next mip level
     sample_uv: Pointer[F32] = inline_rows(2)  # texture coordinates after uv_transform and ``texels.wrapped``
     # Two rows for the pixel's mip level, then two for the next level, which are filled if its weight is not 0.

@@ -1,4 +1,4 @@
-"""Mip levels of images."""
+"""Makes the mip levels of images: each has half the width and height of the one before."""
 
 from __future__ import annotations
 

@@ -26,7 +26,7 @@ from renderers.compiler.pointers import address, advance, f32_at
 from renderers.compiler.simd import F32x8, F32x8x2, F32x8x4, F32x8x6
 from renderers.shading.area_filter import is_within_texel, sample_area, squared_sides
 from renderers.shading.layout import ROW_STRIDE, PartPixels, ShadingContext, ShadingTexture
-from renderers.shading.mip_levels import MAGNIFIED, is_minified, mip_levels
+from renderers.shading.level_of_detail import MAGNIFIED, is_minified, mip_levels
 from renderers.shading.texels import TextureFields, locate, located_rows, read_texels, texture_fields, wrapped
 from renderers.shading.texture_table import MIPS_NONE
 from renderers.shading.vec3 import load3, store3

@@ -1,4 +1,4 @@
-"""Mip levels of minified textures, as OpenGL selects and filters them (OpenGL 4.6, 8.14), eight pixels at a time."""
+"""Selects the mip levels of minified textures, as OpenGL does (OpenGL 4.6, 8.14), eight pixels at a time."""
 
 from __future__ import annotations
 
