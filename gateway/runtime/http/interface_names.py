@@ -9,8 +9,8 @@ from typing import Final
 
 
 @dataclass(frozen=True, slots=True)
-class InterfaceName:
-    """Name of an interface for people."""
+class InterfaceTitle:
+    """Title of an interface for people, and its page."""
 
     title: str
     page: str = ""
@@ -18,18 +18,18 @@ class InterfaceName:
 
 
 NAMES: Final = {
-    "kernels": InterfaceName("Kernels", "deployment"),
-    "state": InterfaceName("State file", "state"),
-    "render": InterfaceName("Render server", "render-server"),
-    "scene": InterfaceName("Live scene", "scene-api"),
-    "drakeviewer": InterfaceName("Drake's visualizer", "drake-visualizer"),
-    "treeviewer": InterfaceName("Tree viewer", "tree-viewer"),
-    "stereo": InterfaceName("Stereo camera", "stereo-camera"),
-    "rest": InterfaceName("Stereo camera's REST port", "stereo-camera"),
-    "view": InterfaceName("Browser view", "view"),
-    "log": InterfaceName("Log", "logs"),
-    "foxglove": InterfaceName("Foxglove", "foxglove"),
-    "demo": InterfaceName("Demo"),
+    "kernels": InterfaceTitle("Kernels", "deployment"),
+    "state": InterfaceTitle("State file", "state"),
+    "render": InterfaceTitle("Render server", "render-server"),
+    "scene": InterfaceTitle("Live scene", "scene-api"),
+    "drakeviewer": InterfaceTitle("Drake's visualizer", "drake-visualizer"),
+    "treeviewer": InterfaceTitle("Tree viewer", "tree-viewer"),
+    "stereo": InterfaceTitle("Stereo camera", "stereo-camera"),
+    "rest": InterfaceTitle("Stereo camera's REST port", "stereo-camera"),
+    "view": InterfaceTitle("Browser view", "view"),
+    "log": InterfaceTitle("Log", "logs"),
+    "foxglove": InterfaceTitle("Foxglove", "foxglove"),
+    "demo": InterfaceTitle("Demo"),
 }
 """Names by that in ``/healthz``. Further stereo cameras are ``stereo 1``, ``stereo 2`` and so on."""
 
