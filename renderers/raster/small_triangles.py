@@ -72,8 +72,8 @@ class SmallTriangleSpans(Struct):
     # Masks of the blocks with any covered column. Byte r belongs to block row r: its bit k to block k from the left in
     # the first mask, and to block 8 + k in the second one.
     block_masks: Pointer[I64] = inline(2)
-    groups_top: I64  # first row of the first group, in the image
-    row_count_in_band: I64  # number of the groups' rows that are in the band
+    top: I64  # first row of the first group, in the image
+    row_count: I64  # number of the groups' rows that are in the band
     aligned_left: I64  # first column of the first block, in the image: a multiple of eight
     aligned_left_in_box: I64  # the same, counted from the box's first column: perhaps negative
 
@@ -105,12 +105,12 @@ def find_small_spans(
     aligned_left = left & ~i64(vec.LANES - 1)
     aligned_left_in_box = aligned_left - box_left
     group_count = (bottom - top + _GROUP_ROWS - 1) // _GROUP_ROWS
-    groups_top = _groups_top(top, end_row, group_count, first_row)
 
-    # Spans, 1/z and blocks of eight rows at a time. In rows above and below the box, no column is covered.
+    # Spans, 1/z and blocks of eight rows at a time. In rows below the box, no column is covered; rows below the band
+    # are not drawn.
     edges = _load_edges(triangle)
     inv_z_base, inv_z_dy = vec.f32(triangle.inv_z_base), vec.f32(triangle.inv_z_dy)
-    rows_in_box = vec.to_f32(vec.i32(groups_top - box_top) + vec.iota())
+    rows_in_box = vec.to_f32(vec.i32(top - box_top) + vec.iota())
     # Limits lie between columns: those right of the left limit and left of the right one are covered.
     box_left_limit, box_right_limit = vec.f32(left - box_left) - vec.f32(0.5), vec.f32(right - box_left) - vec.f32(0.5)
     blocks_0_to_7, block_8 = i64(0), i64(0)
@@ -126,8 +126,8 @@ def find_small_spans(
 
     spans.triangle = triangle
     spans.block_masks[0], spans.block_masks[1] = blocks_0_to_7, block_8
-    spans.groups_top = groups_top
-    spans.row_count_in_band = min(end_row - groups_top, _GROUP_ROWS * group_count)
+    spans.top = top
+    spans.row_count = min(end_row - top, _GROUP_ROWS * group_count)
     spans.aligned_left, spans.aligned_left_in_box = aligned_left, aligned_left_in_box
 
 
@@ -153,15 +153,15 @@ def draw_small(frame: RasterFrame, layer: Layer, depth_rule: I64, spans: SmallTr
 def _draw_block(
     frame: RasterFrame, layer: Layer, depth_rule: I64, spans: SmallTriangleSpans, block_row: I64, block: I64
 ) -> None:
-    """Draw a block of a block row; both are counted from the first one, at ``groups_top`` and ``aligned_left``."""
+    """Draw a block of a block row; both are counted from the first one, at ``top`` and ``aligned_left``."""
     block_top, block_left = block_row * _BLOCK_ROWS, block * vec.LANES
     triangle = spans.triangle
     inv_z_min, inv_z_max, ids = vec.f32(triangle.inv_z_min), vec.f32(triangle.inv_z_max), vec.i32(triangle.id)
     columns_in_box = vec.i32(spans.aligned_left_in_box + block_left) + vec.iota()
     inv_z_from_box_left = vec.f32(triangle.inv_z_dx) * vec.to_f32(columns_in_box)
-    row_in_layer = spans.groups_top + block_top - layer.first_row
+    row_in_layer = spans.top + block_top - layer.first_row
     pixel = row_in_layer * frame.stride + spans.aligned_left + block_left
-    for row in range(block_top, min(block_top + _BLOCK_ROWS, spans.row_count_in_band)):
+    for row in range(block_top, min(block_top + _BLOCK_ROWS, spans.row_count)):
         inv_z = vec.f32(spans.row_inv_z[row]) + inv_z_from_box_left
         inv_z = vec.minimum(vec.maximum(inv_z, inv_z_min), inv_z_max)
         # Unsigned, columns before the span are large numbers: one comparison tests both ends.
@@ -169,23 +169,6 @@ def _draw_block(
         covered = vec.less_unsigned(column_in_span, vec.i32(spans.span_length[row]))
         depth_test(frame, layer, depth_rule, pixel, inv_z, covered, ids)
         pixel += frame.stride
-
-
-@inlined
-def _groups_top(top: I64, end_row: I64, group_count: I64, first_row: I64) -> I64:
-    """Return the first row of the first group, for a triangle that begins in row ``top``.
-
-    It is ``top``, unless the last group would have rows of the next band, which would be looked at for nothing::
-
-        row  0   the band begins
-        row 16   so the groups begin here: rows 16 to 23, and 24 to 31
-        row 18   the triangle begins; groups from here on would be 18 to 25, and 26 to 33
-        row 32   the next band begins, and the triangle goes on
-
-    They never begin above the band. The image's last band may have fewer rows than a group: ``_draw_block`` skips those
-    beyond it (``row_count_in_band``).
-    """
-    return max(min(top, end_row - _GROUP_ROWS * group_count), first_row)
 
 
 @inlined
@@ -259,7 +242,7 @@ def _limit_by_edge(
 
     - scaled_dx = edge_dx >> 8 is the height of the edge in grid units: an integer, and at most 129 x 256, since a box
       with 128 rows of pixel centres is less than 129 pixels high.
-    - scaled_edge = (edge >> 8) + 1/2 is exact: edge >> 8 is below 2^23, also in the up to seven rows above and below
+    - scaled_edge = (edge >> 8) + 1/2 is exact: edge >> 8 is below 2^23, also in the up to seven rows below
       the box that groups of eight rows add (``MAX_SMALL_HEIGHT``). It is positive inside, negative outside, never 0.
     - So the distance of q = -scaled_edge / scaled_dx to any integer is at least (1/2) / |scaled_dx| > 15.1e-6.
       (Horizontal edges, scaled_dx = 0, have limits of -inf or +inf.)
