@@ -269,7 +269,8 @@ class _SdfReader:
         attached = attribute(frame, "attached_to")
         attached_to = scope.frame(attached)
         base = scope.frame(relative_to) if relative_to else attached_to
-        self._frames.add(scope.full_name(attribute(frame, "name")), Frame(X, base, attached_to))
+        # Gazebo 11 saves an included model as frames such as ``model::__model__``.
+        self._frames.add(scope.frame(attribute(frame, "name")), Frame(X, base, attached_to))
 
     def _link(self, name: str, element: Element, scope: _Scope) -> Link:
         def X_link(frame: str) -> NDArray[np.float64]:

@@ -234,6 +234,8 @@ CART = placed("cart", "0 2 0 0 0 0") + placed("base", "0 0 1 0 0 0")
 CART += jointed("slide", "prismatic", "world", "cart") + jointed("weld", "fixed", "world", "base")
 WORLD = placed("world") + placed("cart", "0 0 1 0 0 0") + jointed("j", "prismatic", "world", "cart", axis="0 0 1")
 WHEEL = jointed("wheel", "revolute", "a", "wheel") + placed("a") + placed("wheel", "0 1 0 0 0 0")
+SAVED = "<frame name='n::__model__' attached_to='n::a'><pose relative_to='__model__'>0 2 0 0 0 0</pose></frame>"
+SAVED += placed("n::a", "0 0 1 0 0 0", " relative_to='n::__model__'")
 OTHERS = f"<model name='m'><pose>0 0 2 0 0 0</pose>{placed('a')}</model>"
 OTHERS += f"<model name='n'><pose relative_to='m::__model__'>1 0 0 0 0 0</pose>{placed('b')}</model>"
 
@@ -257,6 +259,7 @@ OTHERS += f"<model name='n'><pose relative_to='m::__model__'>1 0 0 0 0 0</pose>{
         # a joint with the name of a link is renamed, as by libsdformat
         (model(WHEEL, "1.4"), {"wheel_joint": 1.0}, {"a": (0, 0, 0), "wheel": (0, 1, 0)}),
         (world(OTHERS), {}, {"m::a": (0, 0, 2), "n::b": (1, 0, 2)}),
+        (model(SAVED, "1.7"), {}, {"n::a": (0, 2, 1)}),  # an included model, as Gazebo 11 saves it
         # before version 1.7 frame is relative_to
         (
             model(placed("a", "0 0 1 0 0 0", " frame=''") + placed("b", "0 0 1 0 0 0", " frame='a'"), "1.6"),
