@@ -1,6 +1,7 @@
 """Reads COLLADA files with the package pycollada. Nodes and geometry are counted before they are expanded."""
 
 import io
+import re
 from collections.abc import Iterator
 from typing import Any, Final
 from xml.etree import ElementTree
@@ -22,6 +23,8 @@ MAX_XML_DEPTH: Final = 512
 """Maximum depth of XML elements: 256 levels of nodes, and the elements inside the last one."""
 MAX_VISITED_NODES: Final = 1_000_000
 """Maximum number of nodes that hold geometry, after all ``<instance_node>`` are expanded."""
+_NUMBERS: Final = re.compile(rb"""[>"'][-+\d.,eE\s]+[<"']""")
+"""Text or attribute of numbers. Some have commas for decimal points, as 3ds Max writes on German computers."""
 _RINGS: Final = "rings"
 """Attribute of polygons that had holes, see ``_with_known_primitives``."""
 _X_UP: Final = ((0.0, -1.0, 0.0, 0.0), (0.0, 0.0, -1.0, 0.0), (1.0, 0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0))
@@ -38,6 +41,9 @@ def read_collada(data: bytes, read_file: ReadFile, options: MeshOptions) -> Mesh
     data = _checked_document(data)
     data = _with_known_primitives(data)
     document = collada.Collada(io.BytesIO(data), ignore=[collada.DaeError])
+    if any(isinstance(error, collada.DaeMalformedError) for error in document.errors):
+        data = _NUMBERS.sub(lambda numbers: numbers[0].replace(b",", b"."), data)
+        document = collada.Collada(io.BytesIO(data), ignore=[collada.DaeError])
     errors = document.errors
     if any(isinstance(error, collada.DaeBrokenRefError) and "Material" in str(error.msg) for error in errors):
         document = collada.Collada(io.BytesIO(_without_lost_materials(document, data)), ignore=[collada.DaeError])

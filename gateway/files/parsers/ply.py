@@ -143,19 +143,19 @@ def read_ply(data: bytes, textures: TextureFiles, options: MeshOptions, content:
 def _split(data: bytes) -> tuple[str, bytes]:
     """Return the header, with elements and properties in lower case, and the data. Raises ValueError without them.
 
-    Rhinoceros ends its lines with carriage returns; comments are not always UTF-8.
+    Rhinoceros ends its lines with carriage returns, other programs only the last one with both; comments are not always
+    UTF-8.
     """
     if b"ply" not in data[:20].lower():
         raise ValueError("it does not start with 'ply'")
-    line_end = b"\r\n" if data.startswith(b"ply\r\n") else b"\r" if data.startswith(b"ply\r") else b"\n"
-    header, end, body = data.partition(b"end_header" + line_end)
-    if not end:
+    end = re.search(rb"end_header\r?\n" if b"\n" in data[:20] else rb"end_header\r", data)
+    if end is None:
         raise ValueError("its header does not end")
-    lines = header.replace(line_end, b"\n").decode("utf-8", "replace").split("\n")
+    lines = (line.decode("utf-8", "replace") for line in data[: end.start()].splitlines())
     return "\n".join(
         " ".join(line.split()).lower() if line.lstrip().startswith(("element", "property", "format")) else line
         for line in lines
-    ), body
+    ), data[end.end() :]
 
 
 def _read_header(header: str) -> tuple[list[_Element], bool]:

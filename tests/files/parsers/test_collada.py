@@ -141,3 +141,15 @@ def test_a_material_that_is_bound_to_another_symbol() -> None:
     shader = "<lambert><diffuse><color>0 1 0 1</color></diffuse></lambert>"
     shape, _ = read(document(PAINTED.replace('material="s"', 'material="default"'), shader=shader))
     assert shape.color == (0, 1, 0, 1)
+
+
+def test_decimal_commas() -> None:
+    """As 3ds Max writes them on German computers: also in the unit, and where numbers have no fractions."""
+    shader = "<lambert><diffuse><color>0 0.5 1 1</color></diffuse></lambert>"
+    data = document(PAINTED, shader=shader).replace("<up_axis>", '<unit meter="0.5"/><up_axis>')
+    assert data.count("0.5") == 2
+    with_commas = data.replace("0.5", "0,5").replace(">0 0 0 1 0 0 0 2 0<", ">0,0 0,0 0,0 1,0 0,0 0,0 0,0 2,0 0,0<")
+    assert with_commas.count(",") == 11
+    (shape, content), (expected_shape, expected) = read(with_commas), read(data)
+    assert (shape, content) == (expected_shape, expected)
+    assert shape.color == (0.0, 0.5, 1.0, 1.0)

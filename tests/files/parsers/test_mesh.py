@@ -180,6 +180,7 @@ def test_binary_ply_of_faces_with_different_numbers_of_corners(order: str, flags
     assert area(data, "ply") == pytest.approx(1.5)
     header, end, body = data.partition(b"end_header\n")
     assert area((header + end).replace(b"\n", b"\r") + body, "ply") == pytest.approx(1.5)
+    assert area(header + b"end_header\r\n" + body, "ply") == pytest.approx(1.5)
     assert "shorter than its header says" in fault(data[:-2], "ply")
 
 
