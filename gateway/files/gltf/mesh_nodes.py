@@ -21,6 +21,7 @@ _INSTANCE_ATTRIBUTES: Final[dict[str, tuple[float, ...]]] = {
     "SCALE": (1.0, 1.0, 1.0),
 }
 """Default values by attribute. Rotations are quaternions (x, y, z, w)."""
+_MIRROR: Final = np.diag((-1.0, 1.0, 1.0, 1.0))
 
 
 class _AddedNodes(NamedTuple):
@@ -65,6 +66,11 @@ def expand_mesh_nodes(
             colors: list[tuple[float, ...]] = []
             if source.skin is not None:
                 X_world_mesh, joint_matrices = skins.get(source.skin, f"{name}.skin")
+                with np.errstate(all="ignore"):
+                    is_mirrored = np.linalg.det(nodes.X_world_node[position, :3, :3]) < 0.0
+                if is_mirrored:  # this turns over its triangles, although its joints place it (glTF 2.0, 3.7.4)
+                    X_world_mesh = X_world_mesh @ _MIRROR
+                    joint_matrices = np.concatenate((-joint_matrices[:, :1], joint_matrices[:, 1:]), axis=1)
                 new_nodes = _AddedNodes(position, -1, X_world_mesh[None])
                 if INSTANCING in (source.extensions or {}):
                     warnings.append(f"{name}.extensions.{INSTANCING}: ignored, as the mesh has a skin")

@@ -9,6 +9,7 @@ import pytest
 from numpy.typing import NDArray
 
 from gateway.files.gltf import GltfCache, GltfError, GltfLimits, GltfScene
+from gateway.scene.draw.flatten import flatten
 from tests.files.gltf.builder import Builder, mesh_of, meshes, parts, read_file, world_triangles
 
 STRIP = np.array([(x, y, 0.0) for y in range(4) for x in range(2)], np.float32)
@@ -82,6 +83,24 @@ def attributes(b: Builder) -> dict[str, Any]:
 @pytest.mark.parametrize("node", [{}, {"translation": [7, 8, 9], "scale": [0, 0, 0]}])
 def test_a_skin_bends_its_mesh_and_the_transform_of_its_node_does_not_apply(node: dict[str, Any]) -> None:
     assert_drawn(skinned(**node).read(), bent())
+
+
+@pytest.mark.parametrize("scale", [(1, 1, 1), (-1, 1, 1)])
+def test_a_mirrored_skin_shows_its_front(scale: Any) -> None:
+    """Triangles of mirrored instances run the other way round."""
+    b = skinned()
+    b.node(scale=scale, children=[0, 1, 3])
+    b.json["scenes"] = [{"nodes": [4]}]
+    scene = b.read()
+    assert_drawn(scene, bent() * scale)
+    (triangles,) = world_triangles(scene)
+    (instance,) = flatten(scene.root).instances
+    mirror = np.sign(np.linalg.det(instance.X_world_mesh[:3, :3]))
+    fronts = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0]) * mirror
+    assert (fronts[:, 2] > 0).all()
+    (mesh,) = meshes(scene)
+    normals = np.asarray(mesh.normals, np.float64) @ np.linalg.inv(instance.X_world_mesh[:3, :3])
+    assert np.allclose(normals[0], (-0.6 * np.sin(0.2) * scale[0], 0.6 * np.cos(0.2), 0.8), atol=1e-6)
 
 
 def test_directions_follow_the_joints_at_unit_length() -> None:
