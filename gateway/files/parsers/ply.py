@@ -1,6 +1,7 @@
 """Reads PLY files, text and binary: polygons, strips and points, with colours, normals and texture coordinates."""
 
 import contextlib
+import itertools
 import re
 import struct
 from array import array
@@ -25,6 +26,7 @@ _TYPES: Final = {
 }
 """NumPy's names of the types that PLY names as C does."""
 _TYPE_NAMES: Final = frozenset({*_TYPES.values(), "int64", "uint64", "float16"})
+_PLACES: Final = ("x", "y", "z", "nx", "ny", "nz")
 _INDEX_NAMES: Final = ("vertex_indices", "vertex_index")
 _UV_NAMES: Final = (("texture_u", "texture_v"), ("u", "v"), ("s", "t"))
 _COLOR_NAMES: Final = (
@@ -90,6 +92,8 @@ def read_ply(data: bytes, textures: TextureFiles, options: MeshOptions, content:
     drawn = next(
         (each for name in ("face", "tristrips") for each in elements if each.name == name and each.row_count), None
     )
+    if is_text:
+        body = _with_known_values(body, elements, content.warnings)
     texture_names = list(dict.fromkeys(name.strip() for name in _TEXTURE_FILE.findall(header)))
     _add_hints(elements, drawn, texture_names, content.warnings)
     index_list = "" if drawn is None else drawn.index_list
@@ -204,6 +208,28 @@ def _add_hints(elements: list[_Element], drawn: _Element | None, textures: list[
         )
     if len(textures) > 1:
         warnings.append(f"it has {len(textures)} textures, the last is drawn on all faces")
+
+
+def _with_known_values(body: bytes, elements: list[_Element], warnings: list[str]) -> bytes:
+    """Return text without those values of the first element's rows that its header names wrongly, or not at all.
+
+    Assimp 6.0 writes colours that it does not declare, and texture coordinates that it calls colours.
+    """
+    name, row_count, properties = elements[0]
+    declared, found = len(properties), len(body.lstrip().partition(b"\n")[0].split())
+    known = list(itertools.takewhile(lambda each: each.name in _PLACES, properties))
+    lines = [] if found == declared else body.strip().split(b"\n")
+    if len(lines) != sum(element.row_count for element in elements) or any(each.counter for each in properties):
+        return body
+    rows = [line.split()[: len(known)] for line in lines[:row_count]]
+    if any(len(row) < len(known) for row in rows):
+        return body
+    names = ", ".join(each.name for each in known)
+    warnings.append(
+        f"rows of its element {name!r} have {found} values, its header names {declared}: only {names} are read"
+    )
+    properties[:] = known
+    return b"\n".join((*map(b" ".join, rows), *lines[row_count:]))
 
 
 def _read_columns(body: bytes, elements: list[_Element], is_text: bool) -> dict[str, _Columns]:

@@ -184,6 +184,20 @@ def test_binary_ply_of_faces_with_different_numbers_of_corners(order: str, flags
     assert "shorter than its header says" in fault(data[:-2], "ply")
 
 
+@pytest.mark.parametrize("names", ["", "nx ny nz", "red green blue alpha", "nx ny nz red green blue alpha"])
+@pytest.mark.parametrize("values", ["0.5 0.5", "255 0 0 255", "0.5 0.5 255 0 0 255"])
+def test_ply_as_assimp_writes_it(names: str, values: str) -> None:
+    """Assimp 6.0 declares no colours, and colours in place of texture coordinates. Meshes may differ."""
+    properties = "".join(f"property float {name}\n" for name in ("x", "y", "z", *names.split()))
+    normal = "0 0 1 " if "n" in names.split("r")[0] else ""
+    rows = "".join(f"{corner} {normal}{values}\n" for corner in ("0 0 0", "2 0 0", "0 3 0"))
+    if "0.5" in values:
+        rows = rows.removesuffix("\n") + " 0\n"
+    data = f"ply\nformat ascii 1.0\nelement vertex 3\n{properties}element face 1\n"
+    data += f"property list uchar int vertex_index\nend_header\n{rows}3 0 1 2\n"
+    assert area(data.encode(), "ply") == pytest.approx(3.0)
+
+
 def test_ply_whose_faces_have_three_corners_each_on_average() -> None:
     """The file is as long as one whose faces are all like the first one, which trimesh takes it for."""
     assert area(ply("<", [[0, 1, 2, 3], [0, 1, 4], [0, 1, 2, 3, 0]], False), "ply") == pytest.approx(2.5)
