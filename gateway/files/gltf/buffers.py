@@ -164,17 +164,28 @@ class Buffers:
         self._nbytes += nbytes
 
     def _from_file(self, uri: str, path: str) -> Buffer:
+        """Return a file. One that is missing, or named by its path on another machine, may lie beside."""
         short_uri = uri if len(uri) <= 80 else f"{uri[:77]}..."
+        error: Exception | None = None
         if _SCHEME.match(uri) or uri.startswith(("/", "\\")):
-            raise GltfError(f"{path}: only data URIs and relative URIs are read, not '{short_uri}'")
+            error = GltfError(f"{path}: only data URIs and relative URIs are read, not '{short_uri}'")
         if self._resolve is None:
-            raise GltfError(f"{path}: '{short_uri}' is a file that was not posted: post a .glb, which has it inside")
-        try:
-            data = self._resolve(unquote(uri))
-        except (OSError, ValueError, LookupError) as error:
-            raise GltfError(f"{path}: cannot read '{short_uri}': {reason_of(error)}") from error
-        self.count_bytes(len(data), path)
-        return _hashed(data)
+            not_posted = f"{path}: '{short_uri}' is a file that was not posted: post a .glb, which has it inside"
+            raise error or GltfError(not_posted)
+        *folders, name = re.split(r"[/\\]", unquote(uri))
+        places = [name] if error else [unquote(uri), "/".join((*folders, name)), name]
+        for file in places:
+            try:
+                data = self._resolve(file)
+            except (OSError, ValueError, LookupError) as reason:
+                error = error or GltfError(f"{path}: cannot read '{short_uri}': {reason_of(reason)}")
+                continue
+            self.count_bytes(len(data), path)
+            if error:
+                self._warnings.append(f"{path}: '{short_uri}' is missing, {file[:80]!r} beside the file is used")
+            return _hashed(data)
+        assert error is not None
+        raise error
 
 
 def _hashed(data: bytes | memoryview) -> Buffer:

@@ -50,6 +50,7 @@ _INVISIBLE_EXTENSIONS: Final = frozenset(
         "EXT_mesh_manifold",
         "EXT_mesh_primitive_restart",  # other index lists of strips that are drawn from their own
         "EXT_structural_metadata",
+        "FB_ngon_encoding",
         "GODOT_single_root",
         "KHR_interactivity",
         "KHR_node_hoverability",
@@ -237,7 +238,11 @@ def check_version(document: Document, warnings: list[str]) -> None:
 def check_extensions(document: Document, warnings: list[str]) -> None:
     """Warn about extensions that are ignored. Required ones are no error, as in other viewers."""
     names = {name for name in (*(document.extensions_required or ()), *(document.extensions_used or ())) if name}
-    ignored = sorted(names - _SUPPORTED_EXTENSIONS - _IMAGE_FORMATS - _INVISIBLE_EXTENSIONS)
+    materials = (each for each in document.materials or () if isinstance(each, schema.GltfMaterial))
+    of_materials = {name for each in materials for name in each.extensions or ()}
+    # Assimp lists KHR_materials_volume in all of its files.
+    unused = {name for name in names if name.startswith("KHR_materials_") and name not in of_materials}
+    ignored = sorted(names - _SUPPORTED_EXTENSIONS - _IMAGE_FORMATS - _INVISIBLE_EXTENSIONS - unused)
     for group, end in (
         ([name for name in ignored if name not in _GLOSS_EXTENSIONS], ""),
         ([name for name in ignored if name in _GLOSS_EXTENSIONS], f", {ONLY_GLOSS}"),

@@ -259,12 +259,33 @@ def test_a_posted_document_without_its_buffer_is_one_sentence() -> None:
 
 
 @pytest.mark.parametrize("uri", ["file:///etc/passwd", "http://example.org/a.bin", "/etc/passwd", "C:\\a", "\\\\h\\a"])
-def test_other_uris_never_reach_the_resolver(uri: str) -> None:
+def test_of_other_uris_only_the_name_reaches_the_resolver(uri: str) -> None:
+    asked = []
+
     def resolve(uri: str) -> bytes:
-        raise AssertionError(uri)
+        asked.append(uri)
+        raise FileNotFoundError(uri)
 
     with pytest.raises(GltfError, match=r"buffers\[0\]\.uri: .*data URIs"):
         read_gltf(json.dumps(document(uri)).encode(), resolve=resolve)
+    assert asked in (["passwd"], ["a.bin"], ["a"])
+
+
+@pytest.mark.parametrize(
+    ("uri", "found"),
+    [
+        (".\\my%20mesh.bin", "./my mesh.bin"),
+        ("parts\\mesh.bin", "parts/mesh.bin"),
+        ("parts/mesh.bin", "mesh.bin"),
+        ("file:///C:/Users/me/mesh.bin", "mesh.bin"),
+        ("C:\\Users\\me\\mesh.bin", "mesh.bin"),
+    ],
+)
+def test_a_file_named_as_on_another_machine_lies_beside(uri: str, found: str) -> None:
+    scene = read_gltf(json.dumps(document(uri)).encode(), resolve={found: TRIANGLE.tobytes()}.__getitem__)
+    assert meshes(scene)[0].positions.tobytes() == TRIANGLE.tobytes()
+    (warning,) = scene.warnings
+    assert repr(found) in warning
 
 
 def test_failures_of_the_resolver_name_the_file(tmp_path: Path) -> None:

@@ -194,6 +194,7 @@ def test_strict_passes_extensions_that_change_only_gloss(tmp_path: Path, name: s
     b = Builder()
     b.node(mesh=b.triangle())
     b.json["extensionsUsed"] = [f"KHR_materials_{name}"]
+    b.json["materials"] = [{"extensions": {f"KHR_materials_{name}": {}}}]
     mesh = write(tmp_path, b.text(), "m.gltf")
     robot = write(tmp_path, visual('<mesh filename="m.gltf"/>'))
     for path in (mesh, robot):
