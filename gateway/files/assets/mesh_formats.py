@@ -16,7 +16,7 @@ from gateway.runtime.workers.limited_process import ProcessFailed, ProcessLimits
 from gateway.scene.tree.geometry import Part, PointCloud, Shape, Surface
 from gateway.scene.tree.materials import POINT_SIZE, TEXTURE_FIELDS
 from gateway.scene.tree.nodes import Node
-from gateway.scene.tree.transforms import IDENTITY, Y_UP_TO_Z_UP, Matrix
+from gateway.scene.tree.transforms import IDENTITY, Y_UP_TO_Z_UP, Matrix, translation
 from renderers.color import linear_colors_from_srgb, linear_from_srgb
 from renderers.drawlist import AlphaMode, Image, ImageError, Material, Mesh, Texture
 from renderers.images import image_from_bytes, image_header
@@ -228,8 +228,12 @@ def _parts_of_mesh_data(mesh_data: MeshData, limits: GltfLimits) -> tuple[Part, 
             material = replace(material, base_color_texture=textures[parsed.image])
         materials.append(material)
     return tuple(
-        Part(shapes[index], materials[index], np.frombuffer(X_node_part, np.float64).reshape(4, 4))
-        for index, X_node_part in mesh_data.instances
+        Part(
+            shapes[index],
+            materials[index],
+            np.frombuffer(X_node_shape, np.float64).reshape(4, 4) @ translation(*mesh_data.shapes[index].origin),
+        )
+        for index, X_node_shape in mesh_data.instances
     )
 
 

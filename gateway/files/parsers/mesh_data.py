@@ -1,5 +1,7 @@
 """Content of a mesh file: what a parser's child process sends to the program, and how it is made of arrays."""
 
+from typing import Any
+
 import msgspec
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -23,7 +25,7 @@ class Shape(msgspec.Struct):
     """Vertices with one material: triangles, or points."""
 
     positions: bytes
-    """(N, 3) float32, finite for triangles."""
+    """(N, 3) float32 from ``origin``, finite for triangles."""
     triangles: bytes | None
     """(M, 3) uint32, each below N; None: it is a point cloud."""
     normals: bytes | None = None
@@ -38,6 +40,8 @@ class Shape(msgspec.Struct):
     """Emitted colour, sRGB, not clipped."""
     image: int | None = None
     """Index of the texture in ``MeshData.images``."""
+    origin: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    """Point of the file, near the shape if it is far from the file's own origin."""
 
 
 class MeshData(msgspec.Struct):
@@ -71,6 +75,8 @@ class DecodedMesh(msgspec.Struct):
     attributes: list[DecodedAttribute]
 
 
+_COARSEST_STEP = 1e-5
+"""Largest step of float32 coordinates, as a share of a shape's length."""
 _TRIANGLES_AT_ONCE = 1 << 18
 """Triangles that are compared with their normals at once, for the memory that this takes."""
 
@@ -117,8 +123,11 @@ def shape_of(
     """
     with np.errstate(over="ignore"):
         points = np.ascontiguousarray(positions, np.float32)
+        origin = _origin_of(np.asarray(positions), points)
+        if any(origin):
+            points = np.ascontiguousarray(positions - np.array(origin), np.float32)
     if triangles is None:
-        return Shape(points.tobytes(), None, colors=None if colors is None else colors.tobytes())
+        return Shape(points.tobytes(), None, colors=None if colors is None else colors.tobytes(), origin=origin)
     finite = np.asarray(np.isfinite(points).all(axis=1))
     if not finite.all():
         is_drawn = finite[triangles].all(axis=1)
@@ -132,7 +141,7 @@ def shape_of(
     units = None if normals is None else _unit_rows(np.asarray(normals, np.float64))
     if units is not None:
         triangles = _wound_as_normals(triangles, points, units)
-    shape = Shape(points.tobytes(), np.ascontiguousarray(triangles, np.uint32).tobytes(), color=color)
+    shape = Shape(points.tobytes(), np.ascontiguousarray(triangles, np.uint32).tobytes(), color=color, origin=origin)
     if units is not None:
         shape.normals = units.tobytes()
     if colors is not None:
@@ -148,6 +157,19 @@ def shape_of(
         flipped[:, 1] = 1.0 - flipped[:, 1]
         shape.uv, shape.image = flipped.tobytes(), image
     return shape
+
+
+def _origin_of(positions: NDArray[Any], points: NDArray[np.float32]) -> tuple[float, float, float]:
+    """Return a point amid positions if float32, as in ``points``, would tear their shape; else 0."""
+    finite = np.isfinite(points).all(axis=1)
+    if positions.dtype == np.float32 or not finite.any():
+        return 0.0, 0.0, 0.0
+    low, high = positions[finite].min(axis=0), positions[finite].max(axis=0)
+    step = float(np.spacing(np.abs(points[finite]).max()))
+    if step <= _COARSEST_STEP * float((high - low).max()):
+        return 0.0, 0.0, 0.0
+    x, y, z = np.rint(0.5 * (low + high)).tolist()
+    return x, y, z
 
 
 def _wound_as_normals(

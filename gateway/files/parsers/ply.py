@@ -245,7 +245,12 @@ def _read_columns(body: bytes, elements: list[_Element], is_text: bool) -> dict[
         found, place = _read_rows(body, place, _Element(element.name, element.row_count, layout))
         with np.errstate(invalid="ignore", over="ignore"):  # text may have numbers beyond the type
             columns[element.name] = {
-                each.name: _Column(column.values.astype(each.dtype, copy=False), column.sizes)
+                each.name: _Column(
+                    column.values
+                    if is_text and each.name in _PLACES[:3]
+                    else column.values.astype(each.dtype, copy=False),
+                    column.sizes,
+                )
                 for each, column in zip(element.properties, found, strict=True)
             }
     return columns

@@ -18,7 +18,7 @@ _WITHOUT_OWN_COLOR: Final = (0, 0x8000, 0xFFFF)
 
 def read_stl(
     data: bytes, max_triangles: int, warnings: list[str]
-) -> tuple[NDArray[np.float32], NDArray[np.uint8] | None]:
+) -> tuple[NDArray[np.float32] | NDArray[np.float64], NDArray[np.uint8] | None]:
     """Return the corners of all triangles, (3 M, 3) in the file's unit, and their sRGB colours, (3 M, 4), or None.
 
     Raises MeshFaultError if there are none, or too many.
@@ -39,7 +39,7 @@ def read_stl(
         raise MeshFaultError(f"it has {count} triangles, the limit is {max_triangles}")
     if vertices:
         try:
-            numbers = np.array(b" ".join(vertices[: 3 * count]).split(), np.float32)
+            numbers = np.array(b" ".join(vertices[: 3 * count]).split(), np.float64)
         except ValueError:
             raise MeshFaultError("it has a number that cannot be read") from None
         return numbers.reshape(-1, 3), None

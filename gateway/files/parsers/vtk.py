@@ -152,7 +152,7 @@ class _Parser:
 @np.errstate(over="ignore", invalid="ignore")
 def read_vtk(
     data: bytes, max_vertices: int, max_triangles: int, warnings: list[str]
-) -> tuple[NDArray[np.float32], NDArray[np.int64] | None, NDArray[np.uint8] | None]:
+) -> tuple[NDArray[np.float64], NDArray[np.int64] | None, NDArray[np.uint8] | None]:
     """Return positions, (N, 3) in the file's unit, triangles, (M, 3), and sRGB colours, (N, 4), of a surface.
 
     Triangles are None for a file whose cells are all vertices: a cloud. Elsewhere vertices and lines are left out, and
@@ -161,7 +161,7 @@ def read_vtk(
     a legacy VTK file with points and cells, or beyond a limit.
     """
     parser = _Parser(data)
-    positions: NDArray[np.float32] | None = None
+    positions: NDArray[np.float64] | None = None
     points: list[NDArray[np.int64]] = []
     sizes: list[NDArray[np.int64]] = []
     types: list[NDArray[np.int64]] = []
@@ -174,7 +174,7 @@ def read_vtk(
             shape = tuple(parser.count(max_vertices) for _ in range(3))[::-1]
         elif word == b"points":
             count = parser.count(max_vertices)
-            positions = parser.numbers(parser.word(), 3 * count).reshape(count, 3).astype(np.float32)
+            positions = parser.numbers(parser.word(), 3 * count).reshape(count, 3)
             if shape:
                 corners, kind_of_cell = _grid_cells(shape, count, max_triangles)
                 points, sizes = [corners.ravel()], [np.full(len(corners), corners.shape[1])]
@@ -259,7 +259,7 @@ def _triangles(
     points: NDArray[np.int64],
     sizes: NDArray[np.int64],
     types: NDArray[np.int64],
-    positions: NDArray[np.float32],
+    positions: NDArray[np.float64],
     limit: int,
     warnings: list[str],
 ) -> NDArray[np.int64]:

@@ -13,6 +13,7 @@ import pytest
 from gateway.files.assets.mesh_formats import MESH_LIMITS, PARSER_LIMITS, MeshFormatError, parse_mesh
 from gateway.files.parsers.mesh import read_mesh
 from gateway.files.parsers.mesh_data import MeshData, MeshOptions
+from gateway.scene.tree.geometry import PointCloud, Surface
 from renderers.stop import StopFlag
 from tests.files.assets.mesh_files.files import DAE
 from tests.files.assets.mesh_files.files import ply as ascii_ply
@@ -542,3 +543,43 @@ def test_the_stop_flag_ends_a_file_that_takes_long() -> None:
 
 def test_results_are_plain_values() -> None:
     assert msgspec.msgpack.decode(msgspec.msgpack.encode(read(PLAIN)), type=MeshData) == read(PLAIN)
+
+
+SURVEYED = np.array(
+    [(512345.678, 5412345.678, 312.5), (512347.678, 5412345.678, 312.5), (512345.678, 5412346.178, 312.5)]
+)
+"""A triangle of 2 m x 0.5 m in UTM coordinates, whose steps in float32 are 0.5 m."""
+ROWS = "\n".join("{:.3f} {:.3f} {:.3f}".format(*row) for row in SURVEYED)
+PLY_HEADER = "ply\nformat {} 1.0\nelement vertex 3\nproperty {t} x\nproperty {t} y\nproperty {t} z\n"
+FACE = "element face 1\nproperty list uchar int vertex_indices\n"
+
+
+@pytest.mark.parametrize(
+    ("extension", "data"),
+    [
+        ("obj", "v " + ROWS.replace("\n", "\nv ") + "\nf 1 2 3\n"),
+        ("obj", "v " + ROWS.replace("\n", "\nv ") + "\n"),
+        ("ply", PLY_HEADER.format("ascii", t="float") + FACE + f"end_header\n{ROWS}\n3 0 1 2\n"),
+        ("ply", PLY_HEADER.format("ascii", t="double") + f"end_header\n{ROWS}\n"),
+        (
+            "ply",
+            (PLY_HEADER.format("binary_big_endian", t="double") + FACE + "end_header\n").encode()
+            + SURVEYED.astype(">f8").tobytes()
+            + struct.pack(">B3i", 3, 0, 1, 2),
+        ),
+        ("stl", "solid a facet normal 0 0 1 outer loop vertex " + ROWS.replace("\n", " vertex ") + " endloop endsolid"),
+        (
+            "vtk",
+            f"# vtk DataFile Version 3.0\na\nASCII\nDATASET POLYDATA\nPOINTS 3 double\n{ROWS}\nPOLYGONS 1 4\n3 0 1 2\n",
+        ),
+    ],
+)
+def test_surveyed_coordinates_are_exact(extension: str, data: str | bytes) -> None:
+    (part,) = parse_mesh(data if isinstance(data, bytes) else data.encode(), extension, no_files, MESH_LIMITS, [])
+    assert isinstance(part.shape, Surface | PointCloud)
+    points = (
+        part.shape.points
+        if isinstance(part.shape, PointCloud)
+        else part.shape.mesh.positions[part.shape.mesh.elements[0]]
+    )
+    np.testing.assert_allclose(points + part.X_node_part[:3, 3], SURVEYED, rtol=0, atol=1e-6)
