@@ -24,6 +24,10 @@ IDENTITY: Final[Matrix] = _identity()
 
 SAFE_SQUARED_NORMS: Final = (1e-200, 1e200)
 """Range of squared norms for which a quaternion is normalised without underflow or overflow."""
+_FAR: Final = (1e3, 1e12)
+"""Range of the largest coordinate of shapes that ``origin_amid`` looks at."""
+_COARSEST_STEP: Final = 1e-5
+"""Largest step of float32 coordinates, as a share of a shape's length."""
 
 
 def from_pose(translation: Vector, quaternion: Vector) -> Matrix:
@@ -96,3 +100,24 @@ def translation(x: float, y: float, z: float) -> Matrix:
 def scaling(x: float, y: float, z: float) -> Matrix:
     """Return a scale along the axes."""
     return np.diag((x, y, z, 1.0))
+
+
+def origin_amid(positions: NDArray[Any]) -> tuple[float, float, float]:
+    """Return a point amid positions, (N, 3), if float32 would tear their shape, as that of a survey; else (0, 0, 0)."""
+    nowhere = 0.0, 0.0, 0.0
+    if positions.dtype == np.float32 or not len(positions):
+        return nowhere
+    largest = max(float(positions.max()), -float(positions.min()))
+    if np.isnan(largest):  # these are slower
+        largest = max(np.fmax.reduce(positions, axis=None), -np.fmin.reduce(positions, axis=None))
+    if not _FAR[0] < largest < _FAR[1]:
+        return nowhere
+    rows = positions[np.isfinite(positions).all(axis=1)]
+    if not len(rows):
+        return nowhere
+    low, high = rows.min(axis=0), rows.max(axis=0)
+    length = float((high - low).max())
+    if length == 0.0 or np.spacing(np.float32(largest)) <= _COARSEST_STEP * length:
+        return nowhere
+    x, y, z = np.rint(0.5 * (low + high)).tolist()
+    return x, y, z

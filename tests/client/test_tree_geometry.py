@@ -1,6 +1,7 @@
 """Typed geometry as objects of the protocol, and invalid geometry."""
 
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -355,3 +356,23 @@ def test_integers_are_colours_from_0_to_255() -> None:
 def test_colors_of_a_heightmap_may_be_rows() -> None:
     for shape in ((3, 4, 3), (12, 4)):
         assert Heightmap(np.zeros((3, 4)), (1.0, 1.0), colors=np.zeros(shape)).body()["colors"].shape == (12, shape[-1])
+
+
+SURVEYED = np.array(
+    [(512345.678, 5412345.678, 312.5), (512347.678, 5412345.678, 312.5), (512345.678, 5412346.178, 312.5)]
+)
+"""Points in UTM coordinates, whose steps in float32 are 0.5 m."""
+
+
+@pytest.mark.parametrize("transform", [None, (1, 2, 3, 0.6, 0, 0, 0.8)])
+@pytest.mark.parametrize(
+    ("geometry", "name"),
+    [(PointCloud, "points"), (Line, "points"), (partial(MeshGeometry, faces=[(0, 1, 2)]), "vertices")],
+)
+def test_surveyed_coordinates_are_exact(geometry: Callable[..., Geometry], name: str, transform: Any) -> None:
+    body = geometry(SURVEYED, transform=transform).body()
+    assert body[name].dtype == np.float32
+    sent = from_pose(**body["transform"])
+    X = np.eye(4) if transform is None else from_pose(transform[:3], transform[3:])
+    expected = SURVEYED @ X[:3, :3].T + X[:3, 3]
+    np.testing.assert_allclose(body[name] @ sent[:3, :3].T + sent[:3, 3], expected, rtol=0, atol=1e-6)

@@ -41,7 +41,7 @@ from scenegate.messages.field_kinds import (
     number_list,
     number_rows,
 )
-from scenegate.transforms import Vector, quaternions_of
+from scenegate.transforms import Vector, from_pose, origin_amid, quaternions_of
 
 ROTATION_TOLERANCE: Final = 1e-4
 """Maximum deviation of an element of R R^T or of the last row. float32 rounding causes 1e-7, calibration more."""
@@ -141,9 +141,19 @@ class Geometry(msgspec.Struct, frozen=True, kw_only=True, gc=False, omit_default
             ValueError: a field is invalid, because an array of the caller has changed.
         """
         body: dict[str, Any] = {"type": self.kind, "color": rgba(self.color)}
-        if self.transform is not None:
-            body["transform"] = Transform.of(self.transform).body()
-        return body | self._fields()
+        transform = None if self.transform is None else Transform.of(self.transform)
+        fields = self._fields()
+        for name in {"points", "vertices"} & fields.keys():
+            positions = np.asarray(getattr(self, name))
+            origin = origin_amid(positions)
+            if any(origin):
+                fields[name] = number_rows(name, positions - origin, 3)
+                transform = transform or Transform()
+                x, y, z, _ = from_pose(transform.translation, transform.quaternion) @ (*origin, 1.0)
+                transform = Transform((x, y, z), transform.quaternion)
+        if transform is not None:
+            body["transform"] = transform.body()
+        return body | fields
 
     def _fields(self) -> dict[str, Any]:
         """Return the protocol's fields of this type of geometry."""

@@ -1,10 +1,10 @@
 """Content of a mesh file: what a parser's child process sends to the program, and how it is made of arrays."""
 
-from typing import Any
-
 import msgspec
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+
+from scenegate.transforms import origin_amid
 
 
 class MeshOptions(msgspec.Struct, frozen=True):
@@ -75,8 +75,6 @@ class DecodedMesh(msgspec.Struct):
     attributes: list[DecodedAttribute]
 
 
-_COARSEST_STEP = 1e-5
-"""Largest step of float32 coordinates, as a share of a shape's length."""
 _TRIANGLES_AT_ONCE = 1 << 18
 """Triangles that are compared with their normals at once, for the memory that this takes."""
 
@@ -123,7 +121,7 @@ def shape_of(
     """
     with np.errstate(over="ignore"):
         points = np.ascontiguousarray(positions, np.float32)
-        origin = _origin_of(np.asarray(positions), points)
+        origin = origin_amid(np.asarray(positions))
         if any(origin):
             points = np.ascontiguousarray(positions - np.array(origin), np.float32)
     if triangles is None:
@@ -157,19 +155,6 @@ def shape_of(
         flipped[:, 1] = 1.0 - flipped[:, 1]
         shape.uv, shape.image = flipped.tobytes(), image
     return shape
-
-
-def _origin_of(positions: NDArray[Any], points: NDArray[np.float32]) -> tuple[float, float, float]:
-    """Return a point amid positions if float32, as in ``points``, would tear their shape; else 0."""
-    finite = np.isfinite(points).all(axis=1)
-    if positions.dtype == np.float32 or not finite.any():
-        return 0.0, 0.0, 0.0
-    low, high = positions[finite].min(axis=0), positions[finite].max(axis=0)
-    step = float(np.spacing(np.abs(points[finite]).max()))
-    if step <= _COARSEST_STEP * float((high - low).max()):
-        return 0.0, 0.0, 0.0
-    x, y, z = np.rint(0.5 * (low + high)).tolist()
-    return x, y, z
 
 
 def _wound_as_normals(
