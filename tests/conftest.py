@@ -12,6 +12,7 @@ import pytest
 from hypothesis import HealthCheck, settings
 
 os.environ["SCENEGATE_CHECK_KERNELS"] = "1"  # before kernels are imported, here and in processes of the tests
+os.environ.pop("PYTHONUNBUFFERED", None)  # processes of the tests buffer their output, as users' do
 
 from tests.support import clients
 from tests.support.gateway_process import gateway_process

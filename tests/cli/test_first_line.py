@@ -72,6 +72,29 @@ def test_a_file_that_cannot_be_read_is_reported_later(
     json.loads(written(capsys, "serve", "--config", str(config), "--port"))
 
 
+SIGTERM_IN_A_LINE = """
+import io, signal, sys
+
+signals = [signal.SIGTERM]
+
+class Raw(io.FileIO):
+    def write(self, data):
+        if signals:
+            signal.raise_signal(signals.pop())
+        return super().write(data)
+
+sys.stderr = io.TextIOWrapper(io.BufferedWriter(Raw(2, "w", closefd=False)), line_buffering=True)
+from scenegate.cli import main
+main(["serve"])
+"""
+
+
+def test_sigterm_while_a_line_is_written_is_logged() -> None:
+    ran = subprocess.run([sys.executable, "-c", SIGTERM_IN_A_LINE], capture_output=True, text=True)
+    assert ran.returncode == 0, ran.stderr
+    assert json.loads(ran.stderr.splitlines()[0])["event"] == first_line.STOPPED
+
+
 def test_it_comes_before_the_libraries_are_imported() -> None:
     script = "import sys, scenegate.cli; print(*sys.modules)"
     command = [sys.executable, "-c", script]
