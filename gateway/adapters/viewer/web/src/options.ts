@@ -4,7 +4,7 @@ import { signal } from "@preact/signals";
 
 const PREFIX = "scenegate.";
 
-export const THEMES = ["light", "dark"] as const;
+export type Theme = "light" | "dark";
 /** Backgrounds with their names on the page. */
 export const BACKGROUNDS = { theme: "By theme", white: "White", black: "Black", sky: "Sky" } as const;
 export type Background = keyof typeof BACKGROUNDS;
@@ -56,7 +56,7 @@ export type SwitchName = keyof typeof switches;
 export const options = {
   ...switches,
   background: new Option<Background>("background", Object.keys(BACKGROUNDS) as Background[], "theme"),
-  theme: new Option("theme", THEMES, matchMedia("(prefers-color-scheme: dark)").matches ? "dark" : "light"),
+  theme: new Option<Theme>("theme", ["light", "dark"], matchMedia("(prefers-color-scheme: dark)").matches ? "dark" : "light"),
 };
 
 /** Store a value for the next visit. */

@@ -99,10 +99,11 @@ export class Viewer {
     follow(options.shadows, () => this.placeShadows());
     follow(options.occlusion, (on) => stage.setOcclusion(on));
     effect(() => {
-      document.documentElement.dataset.theme = options.theme.shown.value;
+      const { value: theme } = options.theme.shown;
+      document.documentElement.dataset.theme = theme;
       const { background } = this.settings.value;
       const name = options.background.shown.value;
-      const colors = name === "theme" && background ? colorsOn(background) : backgroundColors(name);
+      const colors = name === "theme" && background ? colorsOn(background) : backgroundColors(name, theme);
       for (const material of [this.frustum.object.material, ...this.measurement.materials]) material.color.set(colors.frustum);
       stage.setBackground(colors.background, colors.grid);
     });

@@ -91,7 +91,7 @@ function NumberField({ control, set, id, label }: InputProps & { id?: string; la
       )}
       {degrees && <span class="unit">{degrees}</span>}
       {limited.value && (
-        <span class="limited" role="status">
+        <span class="warn" role="status">
           {limited}
         </span>
       )}

@@ -1,21 +1,20 @@
 // Colours of the background, the grid and the stereo camera's frustum.
 
-import type { Background } from "../options";
+import type { Background, Theme } from "../options";
 
 type BackgroundColors = Record<"background" | "grid" | "frustum", string>;
 
-const BACKGROUND_COLORS: Record<Exclude<Background, "theme">, BackgroundColors> = {
+const BACKGROUND_COLORS: Record<Exclude<Background, "theme"> | Theme, BackgroundColors> = {
+  light: { background: "#e9edf3", grid: "#c3cad6", frustum: "#6a1fd0" },
+  dark: { background: "#20242c", grid: "#3a4250", frustum: "#c39bff" },
   white: { background: "#ffffff", grid: "#c9cfd9", frustum: "#6a1fd0" },
   black: { background: "#000000", grid: "#363d49", frustum: "#c39bff" },
   // The background of the images that the gateway renders.
   sky: { background: "#cce5ff", grid: "#a3bbd6", frustum: "#6a1fd0" },
 };
 
-export function backgroundColors(name: Background): BackgroundColors {
-  if (name !== "theme") return BACKGROUND_COLORS[name];
-  const css = getComputedStyle(document.documentElement);
-  const color = (variable: string) => css.getPropertyValue(variable).trim();
-  return { background: color("--stage"), grid: color("--grid"), frustum: color("--frustum") };
+export function backgroundColors(name: Background, theme: Theme): BackgroundColors {
+  return BACKGROUND_COLORS[name === "theme" ? theme : name];
 }
 
 /** Return a background that a client has set, with colours that are visible on it. */
