@@ -50,13 +50,13 @@ def main() -> None:
     logging.getLogger("drake").setLevel(logging.WARNING)
     server: Any = Meldis()
     # Meldis adds the channels of clouds and frames when their first message arrives by LCM.
-    clouds = _meldis._PointCloudApplet(meshcat=server.meshcat)  # noqa: SLF001
-    frames = _meldis._DrawFrameApplet(meshcat=server.meshcat)  # noqa: SLF001
+    clouds = _meldis._PointCloudApplet(meshcat=server.meshcat)  # noqa: SLF001 - Meldis has no public way
+    frames = _meldis._DrawFrameApplet(meshcat=server.meshcat)  # noqa: SLF001 - Meldis has no public way
     for channel, kind, show in (
         ("DRAKE_POINT_CLOUD", _meldis.lcmt_point_cloud, clouds.on_point_cloud),
         ("DRAKE_DRAW_FRAMES", _meldis.lcmt_viewer_draw, frames.on_frame_update),
     ):
-        server._message_types[channel], server._message_handlers[channel] = kind, [show]  # noqa: SLF001
+        server._message_types[channel], server._message_handlers[channel] = kind, [show]  # noqa: SLF001 - as above
 
     def handle(channel: str, message: bytes) -> None:
         server._message_pending_data[channel] = message  # noqa: SLF001 - as its LCM handler does

@@ -127,7 +127,7 @@ def meldis_jobs() -> Iterator[Jobs]:
         lcm.Publish(channel, message.encode())
         while lcm.HandleSubscriptions(0):
             pass
-        viewer._invoke_subscriptions()  # noqa: SLF001
+        viewer._invoke_subscriptions()  # noqa: SLF001 - Meldis has no public way
 
     def create() -> None:
         message = lcmt_viewer_load_robot()

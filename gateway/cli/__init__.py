@@ -12,7 +12,7 @@ from scenegate.cli.output import exit_with_usage_error
 
 
 def _stop(arguments: Sequence[str]) -> NoReturn:
-    with suppress(OSError):  # nobody reads it
+    with suppress(OSError):  # the reader of stderr may have ended
         first_line.write(arguments, first_line.STOPPED)
     sys.exit(0)
 

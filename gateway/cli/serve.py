@@ -59,7 +59,7 @@ def add_serve(app: typer.Typer) -> None:
         _parameter("help_all", Annotated[bool | None, help_all]),
         *(_parameter(name, _flag(name, field)) for name, field in Settings.model_fields.items()),
     ]
-    serve.__signature__ = inspect.Signature(parameters)  # type: ignore[attr-defined]
+    serve.__signature__ = inspect.Signature(parameters)  # type: ignore[attr-defined]  # Typer reads it
     serve.__annotations__ = {parameter.name: parameter.annotation for parameter in parameters}
     app.command("serve", help=HELP)(serve)
 
@@ -158,5 +158,6 @@ def end(code: int) -> NoReturn:
 
 def _url(host: str, port: int, tls: bool) -> str:
     """Return the address of the server for a browser on this machine."""
+    # Nothing is bound here.
     shown = {"0.0.0.0": "localhost", "::": "localhost"}.get(host, f"[{host}]" if ":" in host else host)  # noqa: S104
     return f"{'https' if tls else 'http'}://{shown}:{port}"

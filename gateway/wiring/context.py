@@ -64,7 +64,7 @@ class ProvidedCamera:
 
 @dataclass(frozen=True)
 class Provided:
-    """What the interfaces that have started provide. A set-up returns it with its own part."""
+    """Parts that started interfaces provide to later ones. A set-up returns it with its own part added."""
 
     recent_renders: Sequence[RenderRecord] = ()
     """Newest finished requests of the render endpoint, oldest first."""

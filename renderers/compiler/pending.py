@@ -112,7 +112,8 @@ def wait_for_kernel(name: str) -> None:
             if not current_stop().waits and state.retry_after is None:
                 raise KernelsPending(part)
             with _changed:
-                _changed.wait_for(lambda part=part: not is_compiling(part))  # type: ignore[misc]
+                while is_compiling(part):
+                    _changed.wait()
                 failed = PENDING.get(part)
             if failed is not None and failed.retry_after is not None:
                 raise KernelsDelayed(failed.retry_after)

@@ -58,9 +58,9 @@ class _LaneBits(NamedTuple):
 
     small: I64
     general: I64
-    """Those that ``small`` cannot have: large, to be clipped, or with depths beyond MAX_SMALL_DEPTH_RATIO."""
+    """Other primitives: large triangles, and those to be clipped or with depths beyond MAX_SMALL_DEPTH_RATIO."""
     culled: I64
-    """Those whose side towards the camera is culled. In ``small`` they are only if the frame keeps culled faces."""
+    """Triangles whose side towards the camera is culled. They are in ``small`` only if the frame keeps culled faces."""
 
 
 @device_function

@@ -79,7 +79,7 @@ def allocate_row_memory(
     context.inputs, context.part_spans, context.pixels = inputs, part_spans, pixels
     # One word more than the row has: ``interpolation`` reads the next one, too.
     context.start_bits = i64_at(allocate(8 * (max_pixels // _PIXELS_PER_WORD + 2)))
-    # As many spans as pixels, and a vector, which ``find_spans`` stores where the last one ends.
+    # A row has at most one span per pixel. ``find_spans`` stores whole vectors, so one vector more.
     context.span_starts = i32_at(allocate(4 * (max_pixels + vec.LANES)))
     context.span_primitive_ids = i32_at(allocate(4 * (max_pixels + vec.LANES)))
     # A vector before the row and a word's pixels after it, for ``_pad_ids``.

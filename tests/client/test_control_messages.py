@@ -101,7 +101,7 @@ def test_invalid_fields(make: Any, reason: str) -> None:
     ],
 )
 def test_invalid_values(control: Control, value: Any, reason: str) -> None:
-    with pytest.raises(ValueError) as error:  # noqa: PT011
+    with pytest.raises(ValueError) as error:  # noqa: PT011 - the text is compared below
         control.checked(value)
     assert str(error.value).startswith(reason)
 

@@ -237,7 +237,7 @@ async def test_slow_callbacks_miss_values_in_between_only() -> None:
         await until(lambda: received == [1.0])
         for value in (2.0, 3.0, 4.0):
             change(service, "speed", value)
-            await until(lambda: speed.value == value)  # noqa: B023
+            await until(lambda: speed.value == value)  # noqa: B023 - awaited in the same iteration
         received.append(0.0)
         await until(lambda: received == [1.0, 0.0, 4.0])
 

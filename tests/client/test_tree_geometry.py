@@ -187,6 +187,7 @@ def test_mesh_files_are_scaled_by_one_or_three() -> None:
 @pytest.mark.parametrize(
     ("construct", "reason"),
     [
+        # Values of other types than the annotations name are refused at run time, too.
         (lambda: Box((1, 2)), r"lengths must have 3 numbers, not an array of shape \(2,\)"),
         (lambda: Box(("a", "b", "c")), r"lengths must have 3 numbers, not \('a', 'b', 'c'\)"),  # type: ignore[arg-type]
         (lambda: Text(5), "text must be a string, not 5"),  # type: ignore[arg-type]

@@ -183,7 +183,7 @@ async def test_async_client() -> None:
             await until(lambda: not node(live, "robot", "arm").visible)
             await stop()
             with pytest.raises(TypeError, match="must be a function, not 'hide'"):
-                await viewer.on_click("robot/arm", "hide")  # type: ignore[arg-type]
+                await viewer.on_click("robot/arm", "hide")  # type: ignore[arg-type]  # refused at run time
             assert page.clicks.paths() == ()
         assert (node(live, "robot").visible, node(live, "robot").opacity) == (False, 0.5)
         assert page.view == PageView(grid=True)

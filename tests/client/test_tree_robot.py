@@ -81,7 +81,7 @@ def test_a_wrong_joint_changes_nothing(tmp_path: Path) -> None:
     with pytest.raises(ValueError, match=r"'elbow' .*'up'"):
         robot.set_joints({"shoulder": 1.0, "elbow": "up"})
     with pytest.raises(ValueError, match=r"joint values .*\[0.5\]"):
-        robot.set_joints([0.5])  # type: ignore[arg-type]
+        robot.set_joints([0.5])  # type: ignore[arg-type]  # refused at run time
     assert len(sent.changes) == 1
     assert robot.joint_values["shoulder"] == (0.0,)
 

@@ -79,7 +79,7 @@ def interface(url: str, name: str) -> dict[str, object]:
 
 
 def hub_of(url: str) -> str:
-    return str(interface(url, "treeviewer")["tcpq"]["url"])  # type: ignore[index]
+    return str(interface(url, "treeviewer")["tcpq"]["url"])  # type: ignore[index]  # JSON
 
 
 def test_environment_is_small(python: Path) -> None:

@@ -35,7 +35,7 @@ def painted(
         pixels[..., 3] = alpha
         texture = Texture(Image(alpha.tobytes(), lambda: pixels), UNFILTERED)
         material = replace(material, base_color_texture=texture, alpha_mode=AlphaMode.MASK)
-    return replace(material, **changes)  # type: ignore[arg-type]
+    return replace(material, **changes)  # type: ignore[arg-type]  # fields of several types
 
 
 def trees() -> DrawList:

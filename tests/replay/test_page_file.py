@@ -151,4 +151,4 @@ def test_a_script_does_not_end_early(monkeypatch: pytest.MonkeyPatch) -> None:
     try:
         assert Parts(scene_html(b"").decode()).texts("script")[1] == 'a = "<\\/SCRIPT><\\!--";'
     finally:
-        page_file._page.cache_clear()  # noqa: SLF001
+        page_file._page.cache_clear()  # noqa: SLF001 - no public way to forget the page

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-import setuptools  # type: ignore[import-untyped]
+import setuptools  # type: ignore[import-untyped]  # has no annotations
 from ruamel.yaml import YAML
 
 from tests.ros2 import stand_in

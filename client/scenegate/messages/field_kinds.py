@@ -329,7 +329,7 @@ def _rows(limit: str, *columns: int) -> FieldKind:
 
 
 _DISTANCE: Final = Annotated[float, Meta(ge=0, le=MAX_DISTANCE)]
-_TRIPLE: Final = tuple[_DISTANCE, _DISTANCE, _DISTANCE]  # type: ignore[valid-type]
+_TRIPLE: Final = tuple[_DISTANCE, _DISTANCE, _DISTANCE]  # type: ignore[valid-type]  # mypy takes it for a variable
 
 Number = Annotated[float, FieldKind(lambda value, name, _: drawable(number(value, name), name), write_number)]
 """A drawable number of any sign."""

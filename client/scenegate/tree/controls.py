@@ -140,7 +140,7 @@ class ControlFolder:
         self,
         name: Key,
         min: float,  # noqa: A002 - as in other viewers
-        max: float,  # noqa: A002
+        max: float,  # noqa: A002 - the word of sliders everywhere
         *,
         value: float | None = None,
         step: float | None = None,
@@ -166,8 +166,8 @@ class ControlFolder:
         name: Key,
         value: float = 0.0,
         *,
-        min: float | None = None,  # noqa: A002
-        max: float | None = None,  # noqa: A002
+        min: float | None = None,  # noqa: A002 - the word of sliders everywhere
+        max: float | None = None,  # noqa: A002 - the word of sliders everywhere
         step: float | None = None,
         unit: str = "",
     ) -> ControlHandle[float]:

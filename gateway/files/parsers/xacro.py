@@ -56,7 +56,7 @@ def expand_file(
     that it has; the paths of the files that were read.
     """
     packages = ModuleType("ament_index_python.packages")
-    packages.get_package_share_directory = lambda name: os.fsdecode(read_file(name))  # type: ignore[attr-defined]
+    vars(packages)["get_package_share_directory"] = lambda name: os.fsdecode(read_file(name))
     # xacro imports this module of ROS for $(find package); it is on no package index.
     sys.modules["ament_index_python"] = ModuleType("ament_index_python")
     sys.modules["ament_index_python.packages"] = packages

@@ -171,7 +171,7 @@ class BoundedHttpProtocol(BodyConnection, SlicedReads, HttpToolsProtocol):
             self.transport.abort()
             self._stop_parser("Too many pipelined requests.")
         self.scope["headers"] = [*self.headers]  # without trailers, since a proxy may not have checked them
-        self.scope[CONNECTION] = self  # type: ignore[typeddict-unknown-key]
+        self.scope[CONNECTION] = self  # type: ignore[typeddict-unknown-key]  # a key of our own
         super().on_headers_complete()
         if self.cycle is not None:  # not a WebSocket handshake
             self.cycle.transport = self._responses  # type: ignore[assignment]  # the part of it that a cycle uses

@@ -32,7 +32,7 @@ class Metrics(Collector):
 
     def __init__(self) -> None:
         # Removes a second time series of each counter and histogram.
-        disable_created_metrics()  # type: ignore[no-untyped-call]
+        disable_created_metrics()  # type: ignore[no-untyped-call]  # has no annotations
         self.registry = CollectorRegistry()
         ProcessCollector(registry=self.registry)
         PlatformCollector(registry=self.registry)

@@ -65,7 +65,7 @@ class PartEncoder:
             output = io.BytesIO()
             pickler = pickle.Pickler(output, protocol=5)
             pickler.fast = True  # equal values have equal bytes, whatever objects they share
-            pickler.persistent_id = lambda each: self._tagged(  # type: ignore[method-assign]
+            pickler.persistent_id = lambda each: self._tagged(  # type: ignore[method-assign]  # as documented
                 each, blobs, is_whole=each is value
             )
             pickler.dump(value)
@@ -137,7 +137,7 @@ class PartDecoder:
             match tagged:
                 case "shared", _:
                     unpickler = _Unpickler(io.BytesIO(data))
-                    unpickler.persistent_load = self._value  # type: ignore[method-assign]
+                    unpickler.persistent_load = self._value  # type: ignore[method-assign]  # as documented
                     self._decoded[tagged] = unpickler.load()
                 case "image", max_pixels, _:
                     self._decoded[tagged] = image_from_bytes(data, max_pixels=max_pixels)

@@ -86,6 +86,7 @@ class TreeStore:
             # The paths below ["a"] start with ["a", and a space, the last character before the exclamation mark.
             subtree = (key, f"{key[:-1]}, ", f"{key[:-1]},!")
             condition = "WHERE path = ? OR path >= ? AND path < ?"
+            # Ruff cannot see that the texts of these statements are constants.
             connection.execute(f"DELETE FROM tree_node {condition}", subtree)  # noqa: S608
             return connection.execute(f"DELETE FROM tree_use {condition} RETURNING digest", subtree).fetchall()  # noqa: S608
         unused: list[tuple[bytes]] = []
@@ -109,7 +110,7 @@ class TreeStore:
             connection.execute("INSERT INTO tree_node VALUES (?, ?, ?, ?, ?, ?)", row)
         else:
             column, value = values[kind]
-            connection.execute(f"UPDATE tree_node SET {column} = ? WHERE path = ?", (value, key))  # noqa: S608
+            connection.execute(f"UPDATE tree_node SET {column} = ? WHERE path = ?", (value, key))  # noqa: S608 - a key of values
         return unused
 
 

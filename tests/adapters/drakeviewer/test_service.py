@@ -292,7 +292,7 @@ async def test_programs_on_this_machine_name_files_in_all_folders(tmp_path: Path
         for is_local in (True, False):
             found.receive(LOAD, message, is_local)
             found.receive(DRAW, at(1.0), is_local)
-            await until(lambda: found.service.viewer.counters.loads == (1 if is_local else 2))  # noqa: B023
+            await until(lambda: found.service.viewer.counters.loads == (1 if is_local else 2))  # noqa: B023 - awaited here
             await until(lambda: found.x() == 1.0)
             node: Any = found.live.snapshot.root.find(("drake", "illustration", "a"))
             assert len(node.parts or ()) == is_local

@@ -52,7 +52,7 @@ def drake(tmp_path_factory: pytest.TempPathFactory) -> Any:
 
 @pytest.mark.parametrize("name", TYPES)
 def test_definitions_have_the_fingerprints_that_the_decoders_expect(drake: Any, name: str) -> None:
-    assert int.from_bytes(getattr(drake, name)._get_packed_fingerprint(), "big") == TYPES[name]  # noqa: SLF001
+    assert int.from_bytes(getattr(drake, name)._get_packed_fingerprint(), "big") == TYPES[name]  # noqa: SLF001 - LCM's own
 
 
 @pytest.mark.drake

@@ -145,7 +145,7 @@ async def test_nothing_is_made_without_subscribers(monkeypatch: pytest.MonkeyPat
 
     async def counting(self: SnapshotFrames, *arguments: object) -> list[bytes]:
         advanced.append(arguments)
-        return await advance(self, *arguments)  # type: ignore[arg-type]
+        return await advance(self, *arguments)  # type: ignore[arg-type]  # passed on unchanged
 
     monkeypatch.setattr(SnapshotFrames, "advance", counting)
 

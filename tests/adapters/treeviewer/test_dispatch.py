@@ -183,7 +183,7 @@ async def test_small_requests_without_images_and_files_are_read_on_the_event_loo
     """Images, text, files and controls take milliseconds."""
     world = World()
     data = wire.encode(msgspec.msgpack.encode(request_), 7, wire.BINARY) if binary else message(request_)
-    world.publish = lambda channel, data: world.published.append((channel, {}))  # type: ignore[method-assign]
+    world.publish = lambda channel, data: world.published.append((channel, {}))  # type: ignore[method-assign]  # a fake
     assert (world.receive(data) > 0) == in_thread, "a request for a thread is in the queue"
     await until(lambda: world.dispatcher.queues.waiting_bytes == 0)
     assert world.pool.calls == in_thread

@@ -51,7 +51,7 @@ def test_collision_geometry_is_read_on_request(tmp_path: Path) -> None:
     robot = read_robot(write(tmp_path, ARM), geometry="collision")
     assert [[part.shape for part in parts] for parts in robot.parts] == [[], [Sphere(0.2)], [], [], []]
     with pytest.raises(ValueError, match=r"'visual' or 'collision'.* 'visal'"):
-        read_robot(tmp_path / "robot.urdf", geometry="visal")  # type: ignore[arg-type]
+        read_robot(tmp_path / "robot.urdf", geometry="visal")  # type: ignore[arg-type]  # refused at run time
 
 
 def test_a_robot_without_a_name_has_that_of_its_file(tmp_path: Path) -> None:

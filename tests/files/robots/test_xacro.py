@@ -134,4 +134,4 @@ def test_invalid_arguments(tmp_path: Path) -> None:
         with pytest.raises(RobotFileError, match="--xacro-arg"):
             parse_xacro_args(texts)
     with pytest.raises(RobotFileError, match="xacro_args"):
-        read_robot(write(tmp_path, "<robot/>"), xacro_args=["a:=1"])  # type: ignore[arg-type]
+        read_robot(write(tmp_path, "<robot/>"), xacro_args=["a:=1"])  # type: ignore[arg-type]  # refused at run time

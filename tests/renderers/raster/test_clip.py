@@ -14,7 +14,7 @@ from tests.renderers.scenes import camera, draw_list, mesh
 
 
 @njit(error_model="numpy")
-def _grid(value):  # type: ignore[no-untyped-def]
+def _grid(value):  # type: ignore[no-untyped-def]  # Numba infers the types
     return snap_to_grid(value), first_center(snap_to_grid(value))
 
 

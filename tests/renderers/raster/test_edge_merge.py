@@ -10,7 +10,7 @@ from renderers.raster.msaa.edge_merge import InstanceCache, share_smooth_edge
 
 
 @njit(error_model="numpy")
-def _share(frame, first, second, count, out):  # type: ignore[no-untyped-def]
+def _share(frame, first, second, count, out):  # type: ignore[no-untyped-def]  # Numba infers the types
     cache = InstanceCache()
     cache.first_id = cache.end_id = cache.indices = 0
     for k in range(count):

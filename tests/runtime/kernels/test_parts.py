@@ -49,12 +49,12 @@ def test_the_folders_of_a_part_are_those_compiled_for_it(tmp_path: Path, monkeyp
     monkeypatch.setattr("renderers.compiler.cache_locator.CACHED_KERNELS", functions)
     monkeypatch.setattr("renderers.compiler.cache_locator.folder_of", lambda function: function.folder)
     reported: set[int] = set()
-    assert compile_process._take_new_folders(reported) == ["a"]  # noqa: SLF001
+    assert compile_process._take_new_folders(reported) == ["a"]  # noqa: SLF001 - no public way to call it alone
     functions.append(Function(tmp_path / "c"))
-    assert compile_process._take_new_folders(reported) == ["c"]  # noqa: SLF001
+    assert compile_process._take_new_folders(reported) == ["c"]  # noqa: SLF001 - no public way to call it alone
     functions.append(Function(tmp_path / "d", kept=False))
     with pytest.raises(KernelError, match="Numba has not stored d in the cache"):
-        compile_process._take_new_folders(reported)  # noqa: SLF001
+        compile_process._take_new_folders(reported)  # noqa: SLF001 - no public way to call it alone
 
 
 def test_every_kernel_is_in_one_part(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -45,7 +45,7 @@ async def receive(other: int) -> dict[str, object]:
     received: list[tuple[str, bool]] = []
     logs: list[str] = []
     handler = logging.Handler()
-    handler.emit = lambda record: logs.append(record.getMessage())  # type: ignore[method-assign]
+    handler.emit = lambda record: logs.append(record.getMessage())  # type: ignore[method-assign]  # in a child
     logging.getLogger("scenegate.lcm").addHandler(handler)
     try:
         transport = UdpmTransport(f"udpm://{GROUP}:{PORT}?ttl=0", ("",), LcmConfig(), 1 << 20)

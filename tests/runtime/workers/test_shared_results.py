@@ -2,6 +2,7 @@
 
 import asyncio
 from collections import Counter
+from functools import partial
 
 import pytest
 
@@ -54,7 +55,7 @@ async def test_least_recently_used_results_are_dropped_beyond_the_limit() -> Non
     work, results = Work(), SharedResults[str, str](2)
     work.finish.set()
     for key in ("a", "b", "a", "c", "a", "b"):
-        await results.get(key, lambda key=key: work.compute(key))  # type: ignore[misc]
+        await results.get(key, partial(work.compute, key))
     assert work.started == {"a": 1, "b": 2, "c": 1}
 
 

@@ -111,6 +111,7 @@ def _add_lock_routes(routes: APIRouter, base: str, lock: UILock) -> None:
         f"{base}/ui_lock", summary="Verify or set the UI lock", responses=json_example({"enabled": True, "valid": True})
     )
     async def set_lock(
+        # The device's name of the parameter.
         hash: Annotated[str, Query(max_length=200, openapi_examples=example("5f4dcc3b5aa765d6"))],  # noqa: A002
         set: Annotated[bool, Query(openapi_examples=example(True))] = False,  # noqa: A002 - the device's names
     ) -> Any:

@@ -181,7 +181,7 @@ def test_white_balance_and_exposure_parameters() -> None:
 def test_models_beyond_the_limits_are_refused(fields: dict[str, float], name: str) -> None:
     values = {"name": "x", "width": 640, "height": 480, "focal_factor": 1.0, "baseline": 0.1}
     with pytest.raises(ValueError, match=f"^stereo (camera )?{name} "):
-        StereoModel(**{**values, **fields})  # type: ignore[arg-type]
+        StereoModel(**{**values, **fields})  # type: ignore[arg-type]  # fields of several types
     StereoModel("smallest", 16, 16, 0.05, 1e-4)
     StereoModel("largest", 8192, 8192, 20.0, 100.0)
 

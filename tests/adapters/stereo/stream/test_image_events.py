@@ -88,7 +88,7 @@ async def test_slow_clients_get_the_newest_events_and_clients_are_limited(start:
     second = await listen(camera)
     with pytest.raises(grpc.aio.AioRpcError, match="1 event streams are open already") as refusal:
         await second.read()
-    assert not first.done()  # held until here: a call that nobody refers to is cancelled
+    assert not first.done()  # this reference also keeps the call from being cancelled as garbage
     assert refusal.value.code() == grpc.StatusCode.RESOURCE_EXHAUSTED
 
 
