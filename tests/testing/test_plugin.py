@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 
+from renderers.compiler import cache_folder
 from tests.support.waiting import SECONDS
 
 pytest_plugins = ["pytester"]
@@ -14,6 +15,12 @@ pytest_plugins = ["pytester"]
 PAGE = Path(__file__).parents[2] / "docs" / "testing.md"
 PATIENT = ("-o", f"scenegate_seconds={SECONDS:g}")
 ARGUMENTS = ("-p", "scenegate.testing", "-W", "error", "-p", "no:cacheprovider", "-p", "no:asyncio", *PATIENT)
+
+
+@pytest.fixture(autouse=True)
+def _kernels_of_this_user(monkeypatch: pytest.MonkeyPatch) -> None:
+    """``pytester`` has a home of its own, in which each test would compile the kernels."""
+    monkeypatch.setenv("NUMBA_CACHE_DIR", str(cache_folder.root()))
 
 
 def example() -> str:
