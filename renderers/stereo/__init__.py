@@ -16,6 +16,6 @@ Formulas are those of the rc_visard's manual unless a docstring says otherwise. 
 * ``focal_length``, ``cx`` and ``cy`` are the focal length and the principal point, pixels from the left and top edge;
   ``focal_times_baseline`` is a disparity times its depth, pixels times metres;
 * ``divisor`` is the width of the camera images divided by that of the images at hand, and ``noise_sigma`` the standard
-  deviation of their noise, grey levels, above 0;
+  deviation of their noise by grey level, (256,), grey levels, above 0;
 * kernels write their last arguments.
 """

@@ -24,9 +24,10 @@ from renderers.stereo.depth.match_confidence import (
     TREE_DEPTH,
     WEIGHT_UNIT,
     match_features,
+    with_even_noise,
     with_texture,
 )
-from renderers.stereo.depth.matching import MIN_NOISE_SIGMA, find_matches
+from renderers.stereo.depth.matching import find_matches
 from renderers.stereo.model import Quality
 from tools.calibration.plain_scenes import PLAIN_SCENES
 from tools.calibration.samples import Sample, samples
@@ -34,7 +35,7 @@ from tools.calibration.scenes import LEAFY_SCENES, SCENES
 
 SEEDS: Final = {Quality.MEDIUM: range(100, 103), Quality.HIGH: range(100, 108), Quality.FULL: range(100, 103)}
 """Seeds of the scenes. Of few, the trees learn in which of them a plain wall happened to be right."""
-PIXELS: Final = 25
+PIXELS: Final = 50
 """Maximum number of matches of an image that count."""
 LEAFY_SEEDS: Final = {Quality.HIGH: range(100, 104), Quality.FULL: range(100, 104)}
 """Seeds of the scenes with textures like photographs."""
@@ -92,9 +93,9 @@ def collect(sample: Sample, matches: NDArray[np.uint16], pixels: int) -> Iterato
     """
     random = np.random.default_rng(0)
     shifted = np.where(matches > 0, matches + np.uint16(16 * random.integers(4, 24)), np.uint16(0))
+    left, right = (with_even_noise(image, sample.noise_sigma) for image in (sample.left, sample.right))
     for disparity, count in ((matches, pixels), (shifted, pixels // RIGHT_PER_WRONG)):
-        noise_sigma, divisor = max(sample.noise_sigma, MIN_NOISE_SIGMA), sample.settings.quality.divisor
-        features = match_features(sample.left, sample.right, disparity, noise_sigma, divisor)
+        features = match_features(left, right, disparity, sample.settings.quality.divisor)
         known = np.flatnonzero((with_texture(disparity, features) > 0) & (sample.exact > 0))
         picked = random.choice(known, min(len(known), count), replace=False)
         deviation = np.abs(disparity / np.float32(16.0) - sample.exact).reshape(-1)[picked]

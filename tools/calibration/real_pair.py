@@ -23,7 +23,8 @@ from gateway.adapters.stereo.imaging.rendered_images import Imaging
 from gateway.adapters.stereo.imaging.scene_view import Capture
 from renderers.drawlist import DrawList, Image, Instance, Material, Mesh, Sampler, Texture
 from renderers.stereo.depth.depth_images import DepthImages
-from renderers.stereo.depth.matching import FINE, MIN_NOISE_SIGMA, match_pair
+from renderers.stereo.depth.match_confidence import EVEN_NOISE
+from renderers.stereo.depth.matching import FINE, match_pair
 from renderers.stereo.model import DISPARITY_SCALE, Quality, StereoModel
 from renderers.stereo.realism import REALISM_PARTS
 from tools.calibration.errors import NO_FILTERS, match, print_reliability, reliability_of
@@ -156,7 +157,7 @@ def main() -> None:
     )
     truth = np.nan_to_num(np.load(folder / "motorcycle_disp.npz")["arr_0"].astype(np.float32), posinf=0.0)
     grey = [np.multiply(cv2.cvtColor(each, cv2.COLOR_BGR2GRAY), FINE, dtype=np.uint16) for each in (left, right)]
-    images = match_pair(grey[0], grey[1], 96, MIN_NOISE_SIGMA, Quality.HIGH.divisor)
+    images = match_pair(grey[0], grey[1], 96, np.full(256, EVEN_NOISE), Quality.HIGH.divisor)
     report("the pair itself", truth, visible_in_both(truth), images)
     report_confidence(truth, images)
     for realism in ((), REALISM_PARTS):

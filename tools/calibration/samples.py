@@ -41,8 +41,8 @@ class Sample:
     """(H, W) uint16, units of 1/16 grey level."""
     right: NDArray[np.uint16]
     """(H, W) uint16, likewise."""
-    noise_sigma: float
-    """Standard deviation of the noise in both images at mid grey, grey levels."""
+    noise_sigma: NDArray[np.float64]
+    """(256,) float64, standard deviation of the noise in both images by grey level, grey levels."""
     exact: NDArray[np.float32]
     """(H, W) float32, disparity of every surface in the left image, pixels, 0: background."""
     visible: NDArray[np.float32]

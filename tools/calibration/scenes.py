@@ -63,8 +63,8 @@ def noise_image(random: np.random.Generator, contrast: float, finest: int = 1, s
 def leaves_image(random: np.random.Generator, contrast: float) -> Image:
     """Return a tinted random texture of ellipses of all sizes that hide each other ("dead leaves").
 
-    As in photographs, it has edges, patches of one colour, and the same statistics in each scale. ``contrast`` is the
-    standard deviation of the sRGB values.
+    As in photographs, it has edges, patches of one colour, and the same statistics in each scale; things are dark or
+    bright, and dark ones have less contrast. ``contrast`` is the standard deviation of the sRGB values at mid grey.
     """
     field: NDArray[np.floating] = np.zeros((512, 512))
     smallest, largest = 2.0 ** random.uniform(0.5, 3.0), 170.0
@@ -74,8 +74,8 @@ def leaves_image(random: np.random.Generator, contrast: float) -> Image:
         cv2.ellipse(field, centre, axes, angle, 0.0, 360.0, random.normal(), cv2.FILLED)
     grain = random.normal(size=field.shape) * random.uniform(0.02, 0.15)
     field = cv2.GaussianBlur(field, (0, 0), random.uniform(0.5, 1.2)) + cv2.GaussianBlur(grain, (0, 0), 0.8)
-    tint = random.uniform(0.3, 0.7, 3)
-    return image_of(tint + (contrast / field.std() * field)[:, :, None])
+    tint = random.uniform(0.05, 0.9) * random.uniform(0.8, 1.2, 3)
+    return image_of(tint * (1.0 + 2.0 * contrast / field.std() * field[:, :, None]))
 
 
 def leafy(random: np.random.Generator, contrast: float = 0.15) -> Material:

@@ -326,7 +326,7 @@ def stereo_tiles(
         light = light_on_sensor(rendered.roots, k, exposure, SceneLight(dots, 1.5), color=False)
         images.append(image_from_light(light, exposure, key).image)
         depths.append(rendered.depth)
-    count, noise_sigma = model.disparity_count(divisor, 0.5), exposure.noise_sigma(128.0)
+    count, noise_sigma = model.disparity_count(divisor, 0.5), exposure.noise_by_level
     fine_left, fine_right = (fine_means(image, 1, *image.shape) for image in images)
     matched = match_pair(fine_left, fine_right, count, noise_sigma, divisor)
     ft = k.focal_length * model.baseline

@@ -51,6 +51,9 @@ MIN_TEXTURE: Final = {"texture": 1.0, "wide_texture": 2.0}
 """Minimum texture of matches. With less, noise, or a surface beside it, may have made the match:
 dots return too little light from there, or a mirror none.
 """
+EVEN_NOISE: Final = 0.3
+"""Standard deviation of the noise in the images of ``with_even_noise``, grey levels. Of textures that are fainter than
+twice this, most matches are wrong also where the noise is less."""
 _FULL_BLUR: Final = 3
 """Side of the box over which images of the cameras' size are averaged before their texture is measured, pixels. Their
 pixels have twice the noise of those at ``High``, and half the gradients."""
@@ -108,18 +111,31 @@ def tables() -> Tables:
     )
 
 
+def with_even_noise(image: NDArray[np.uint16], noise_sigma: NDArray[np.float64]) -> NDArray[np.uint16]:
+    """Return an image with contrast reduced at grey levels of more noise than ``EVEN_NOISE``, so that it has as much.
+
+    Bright pixels have more noise than dark ones. With the noise of mid grey everywhere, dark floors lost right matches.
+    """
+    contrast = EVEN_NOISE / np.maximum(noise_sigma, EVEN_NOISE)
+    levels = np.interp(np.arange(_WHITE + 1) / 16.0, np.arange(256), contrast).cumsum().astype(np.uint16)
+    return levels[image]
+
+
 def match_features(
     left: NDArray[np.uint16],
     right: NDArray[np.uint16],
     disparity: NDArray[np.uint16],
-    noise_sigma: float,
     divisor: int,
 ) -> NDArray[np.float32]:
-    """Return the ``FEATURES`` of each pixel, (9, H, W) float32; undefined where there is no match."""
-    texture, texture_sigma = left, noise_sigma
+    """Return the ``FEATURES`` of each pixel, (9, H, W) float32; undefined where there is no match.
+
+    Args:
+        left, right: ``with_even_noise``.
+    """
+    texture, texture_sigma = left, EVEN_NOISE
     if divisor == 1:
         texture = np.asarray(cv2.blur(left, (_FULL_BLUR, _FULL_BLUR)), np.uint16)
-        texture_sigma = noise_sigma * _FULL_BLUR_NOISE
+        texture_sigma *= _FULL_BLUR_NOISE
     gradient, size = np.empty((2, *left.shape), np.int16)
     squared, even = np.empty((2, *left.shape), np.int32)
     even_limit = int(min(_EVEN_LIMIT * (32.0 * texture_sigma) ** 2, _MAX_SQUARE))
@@ -138,7 +154,7 @@ def match_features(
         _box_sum((disparity > 0).astype(np.uint8), _MEDIUM_WINDOW),
         _box_sum(differences[0], _WINDOW), _box_sum(differences[1], _WINDOW), _box_sum(differences[2], _WINDOW),
         _box_sum(gradient, _WINDOW), _box_sum(size, _WINDOW),
-        np.asarray(nearest, np.uint16), np.asarray(farthest, np.uint16), float(noise_sigma), texture_sigma, features,
+        np.asarray(nearest, np.uint16), np.asarray(farthest, np.uint16), texture_sigma, features,
     )  # fmt: skip
     return features
 
@@ -253,17 +269,16 @@ def _write_features(
     sizes: Array2[np.int32],
     nearest: Array2[np.uint16],
     farthest: Array2[np.uint16],
-    noise_sigma: F64,
     texture_sigma: F64,
     features: Array3[np.float32],
 ) -> None:
     """Write the ``FEATURES`` from sums over windows, (H, W) each, and the range of their disparities.
 
-    Gradients have the noise of an image with ``texture_sigma``.
+    Gradients have the noise of an image with ``texture_sigma``, grey levels.
     """
     height, width = medium_counts.shape
     # Roots of the sums of squares over a window, 1/16 level.
-    noise, texture_noise = f32(16 * _WINDOW) * f32(noise_sigma), f32(16 * _WINDOW) * f32(texture_sigma)
+    noise, texture_noise = f32(16 * _WINDOW) * f32(EVEN_NOISE), f32(16 * _WINDOW) * f32(texture_sigma)
     window, medium_pixels = f32(2 * _WINDOW), f32(_MEDIUM_WINDOW**2)
     # Squared gradients, in squared units of 1/32 level, relative to the variance of the noise.
     scale = f32(1.0 / (32.0 * texture_sigma) ** 2)

@@ -17,7 +17,12 @@ from numpy.typing import NDArray
 
 from renderers.interface import Parallel
 from renderers.stereo.depth.depth_images import DepthImages
-from renderers.stereo.depth.match_confidence import error_and_confidence, match_features, with_texture
+from renderers.stereo.depth.match_confidence import (
+    error_and_confidence,
+    match_features,
+    with_even_noise,
+    with_texture,
+)
 from renderers.stereo.depth.residual_shift import residual_shift, without_local_mean
 from renderers.stereo.model import DISPARITY_SCALE, StereoModel
 from renderers.stereo.sensor.camera_image import SensorImage, fixed_pattern_variance
@@ -28,8 +33,6 @@ FINE: Final = 16
 """Units per grey level of fine images: means of blocks have fractions of a level."""
 ROUNDING_VARIANCE: Final = 1.0 / 12.0
 """Variance of rounding to whole grey levels."""
-MIN_NOISE_SIGMA: Final = 0.3
-"""Minimum standard deviation of the image noise, grey levels: most matches of fainter texture are wrong."""
 WINDOW: Final = 3
 """Side of the matching window, pixels. A larger one widens what is near."""
 REFINEMENT_RADIUS: Final = 4
@@ -68,14 +71,18 @@ class ImagePair:
         left, right = (fine_means(image.image, divisor, k.height, k.width) for image in (self.left, self.right))
         return left, right
 
-    def noise_sigma(self, noise_factor: float, averaged_images: int, divisor: int, *, has_pattern: bool) -> float:
-        """Return the standard deviation of the ``reduced`` images around those without noise, at mid grey, grey levels.
+    def noise_sigma(
+        self, noise_factor: float, averaged_images: int, divisor: int, *, has_pattern: bool
+    ) -> NDArray[np.float64]:
+        """Return the standard deviation of the ``reduced`` images around those without noise, (256,) float64.
 
         Besides noise, pixels have rounding errors and, with ``has_pattern``, the fixed pattern of the sensors.
         """
-        noise = self.exposure.mid_grey_noise * noise_factor
-        pattern_variance = fixed_pattern_variance(self.exposure) if has_pattern else 0.0
-        return math.sqrt(noise**2 / averaged_images + pattern_variance + ROUNDING_VARIANCE) / divisor
+        variance = (self.exposure.noise_by_level * noise_factor) ** 2 / averaged_images + ROUNDING_VARIANCE
+        if has_pattern:
+            variance += fixed_pattern_variance(self.exposure)
+        sigma: NDArray[np.float64] = np.sqrt(variance) / divisor
+        return sigma
 
 
 def block_means(image: NDArray[Level], side: int, rows: int, columns: int) -> NDArray[Level]:
@@ -114,7 +121,7 @@ def match_pair(
     left: NDArray[np.uint16],
     right: NDArray[np.uint16],
     disparity_count: int,
-    noise_sigma: float,
+    noise_sigma: NDArray[np.float64],
     divisor: int,
     parallel: Parallel = in_turn,
 ) -> DepthImages:
@@ -141,17 +148,22 @@ def match_pair(
 
 
 def _match_rows(
-    left: NDArray[np.uint16], right: NDArray[np.uint16], disparity_count: int, noise_sigma: float, divisor: int
+    left: NDArray[np.uint16],
+    right: NDArray[np.uint16],
+    disparity_count: int,
+    noise_sigma: NDArray[np.float64],
+    divisor: int,
 ) -> DepthImages:
     """Return the depth images of the rows of a pair."""
     matches = find_matches(left, right, disparity_count, noise_sigma)
-    features = match_features(left, right, matches, max(noise_sigma, MIN_NOISE_SIGMA), divisor)
+    even_left, even_right = (with_even_noise(image, noise_sigma) for image in (left, right))
+    features = match_features(even_left, even_right, matches, divisor)
     disparity = with_texture(matches, features)
     return DepthImages(disparity, *error_and_confidence(features, disparity))
 
 
 def find_matches(
-    left: NDArray[np.uint16], right: NDArray[np.uint16], disparity_count: int, noise_sigma: float
+    left: NDArray[np.uint16], right: NDArray[np.uint16], disparity_count: int, noise_sigma: NDArray[np.float64]
 ) -> NDArray[np.uint16]:
     """Return the disparities of a pair, (H, W) uint16, 0 where there is no match.
 
@@ -162,15 +174,16 @@ def find_matches(
 
 
 def refined_matches(
-    left: NDArray[np.uint16], right: NDArray[np.uint16], disparity_count: int, noise_sigma: float
+    left: NDArray[np.uint16], right: NDArray[np.uint16], disparity_count: int, noise_sigma: NDArray[np.float64]
 ) -> NDArray[np.float32]:
     """Return the disparities before they are rounded, (H, W) float32, 0 where there is no match."""
     matches = _semi_global_matches(grey_levels(left), grey_levels(right), disparity_count)
     start = matches.astype(np.float32) * np.float32(DISPARITY_SCALE)
     refined = _smoothed(start)
     left_detail, right_detail = without_local_mean(left), without_local_mean(right)
+    mid_grey_noise = float(noise_sigma[128])
     for _ in range(REFINEMENTS):
-        shift = residual_shift(left_detail, right_detail, refined, REFINEMENT_RADIUS, noise_sigma)
+        shift = residual_shift(left_detail, right_detail, refined, REFINEMENT_RADIUS, mid_grey_noise)
         # At least one unit: 0 is no match.
         refined = np.where(start > 0.0, np.maximum(refined + shift, np.float32(DISPARITY_SCALE)), np.float32(0.0))
     is_refined = np.abs(refined - start) <= MAX_REFINEMENT
@@ -228,7 +241,6 @@ def _opencv_matches(left: NDArray[np.uint8], right: NDArray[np.uint8], disparity
         P2=32 * WINDOW * WINDOW,
         disp12MaxDiff=1,
         preFilterCap=15,
-        uniquenessRatio=5,
         speckleWindowSize=0,
         speckleRange=0,
         mode=cv2.StereoSGBM_MODE_SGBM_3WAY,  # 155 instead of 257 ms at High, as many matches, fewer wrong

@@ -200,10 +200,10 @@ def _make_pattern(seed: int, right: bool, height: int, width: int) -> FixedPatte
     return FixedPattern(to_int8(offset / OFFSET_UNIT), to_int8(PIXEL_GAIN / GAIN_UNIT * normal(height, width)))
 
 
-def fixed_pattern_variance(exposure: Exposure) -> float:
-    """Return the variance of the fixed pattern at mid grey, squared grey levels."""
+def fixed_pattern_variance(exposure: Exposure) -> NDArray[np.float64]:
+    """Return the variance of the fixed pattern at each grey level, (256,) float64, squared grey levels."""
     offset = (PIXEL_OFFSET**2 + COLUMN_OFFSET**2) * exposure.amplification**2
-    return offset + (128.0 * exposure.gamma * PIXEL_GAIN) ** 2
+    return offset + (np.arange(256.0) * exposure.gamma * PIXEL_GAIN) ** 2
 
 
 @dataclass(frozen=True, slots=True)

@@ -124,15 +124,15 @@ class Exposure:
         return sigma
 
     @cached_property
+    def noise_by_level(self) -> NDArray[np.float64]:
+        """(256,) float64, standard deviation of the noise at each grey level, grey levels."""
+        grey, noise = self.response_table
+        return np.interp(np.arange(256.0), grey - np.float32(0.5), noise)
+
+    @property
     def mid_grey_noise(self) -> float:
         """Standard deviation of the noise at mid grey, grey levels."""
-        return self.noise_sigma(128.0)
-
-    def noise_sigma(self, grey: float) -> float:
-        """Return the standard deviation of the noise in one exposure at a grey value of the image, grey levels."""
-        light = (grey / 255.0) ** (1.0 / self.gamma)
-        sigma = noise_sigma(255.0 * light, self.amplification) / 255.0
-        return float(127.5 * ((light + sigma) ** self.gamma - max(light - sigma, 0.0) ** self.gamma))
+        return float(self.noise_by_level[128])
 
 
 def noise_sigma(grey: NDArray[np.floating] | float, amplification: float) -> Any:

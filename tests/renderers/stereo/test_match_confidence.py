@@ -6,16 +6,17 @@ from numpy.typing import NDArray
 
 from renderers.stereo.depth.match_confidence import (
     ERROR_BORDERS,
+    EVEN_NOISE,
     FEATURES,
     TREE_DEPTH,
     error_and_confidence,
     match_features,
     tables,
+    with_even_noise,
     with_texture,
 )
 
 HEIGHT, WIDTH, SHIFT = 64, 96, 8
-SIGMA = 0.3
 
 
 def texture(contrast: float) -> NDArray[np.uint16]:
@@ -27,7 +28,7 @@ def texture(contrast: float) -> NDArray[np.uint16]:
 def judged(left: NDArray[np.uint16], right: NDArray[np.uint16], disparity: int) -> tuple[float, float]:
     """Return the mean error, pixels, and the mean confidence of a constant disparity away from the image's edges."""
     matches = np.full(left.shape, disparity * 16, np.uint16)
-    error, confidence = error_and_confidence(match_features(left, right, matches, SIGMA, 2), matches)
+    error, confidence = error_and_confidence(match_features(left, right, matches, 2), matches)
     inside = np.s_[24:-24, 36:-24]
     return float(error[inside].mean()) / 16, float(confidence[inside].mean()) / 255
 
@@ -55,7 +56,7 @@ def test_matches_of_faint_texture_are_less_confident_and_less_precise() -> None:
 
 def features_of(image: NDArray[np.uint16]) -> dict[str, NDArray[np.float32]]:
     matches = np.full(image.shape, SHIFT * 16, np.uint16)
-    return dict(zip(FEATURES, match_features(image, np.roll(image, -SHIFT, 1), matches, SIGMA, 2), strict=True))
+    return dict(zip(FEATURES, match_features(image, np.roll(image, -SHIFT, 1), matches, 2), strict=True))
 
 
 def test_brightness_that_differs_between_the_cameras_is_no_disagreement() -> None:
@@ -87,12 +88,20 @@ def test_a_single_edge_is_a_step_and_no_even_texture() -> None:
     assert of_edge["even_texture"][32, 48] < of_texture["even_texture"][32, 48]
 
 
+@pytest.mark.parametrize("level", [20, 128, 230])
+def test_noise_is_even_at_all_grey_levels(level: int) -> None:
+    noise_sigma = np.linspace(0.2, 2.0, 256)
+    noise = np.random.default_rng(5).normal(level, noise_sigma[level], (HEIGHT, WIDTH))
+    even = with_even_noise(np.rint(noise * 16).astype(np.uint16), noise_sigma)
+    assert even.std() / 16 == pytest.approx(min(noise_sigma[level], EVEN_NOISE), rel=0.1)
+
+
 def test_matches_without_texture_around_them_are_no_matches() -> None:
     """On a plain wall, noise or the things beside it would have made them."""
     half = texture(20.0)
     half[:, :60] = 128 * 16
     matches = np.full(half.shape, SHIFT * 16, np.uint16)
-    kept = with_texture(matches, match_features(half, np.roll(half, -SHIFT, 1), matches, SIGMA, 2))
+    kept = with_texture(matches, match_features(half, np.roll(half, -SHIFT, 1), matches, 2))
     assert (kept[:, :36] == 0).all()
     assert (kept[:, 60:] == SHIFT * 16).all()
 
@@ -101,7 +110,7 @@ def test_pixels_without_a_match_have_neither() -> None:
     left = texture(20.0)
     matches = np.full(left.shape, SHIFT * 16, np.uint16)
     matches[10:20, 30:50] = 0
-    error, confidence = error_and_confidence(match_features(left, left, matches, SIGMA, 2), matches)
+    error, confidence = error_and_confidence(match_features(left, left, matches, 2), matches)
     assert (error[matches == 0] == 0).all()
     assert (confidence[matches == 0] == 0).all()
     assert (error[matches > 0] > 0).all()
@@ -110,7 +119,7 @@ def test_pixels_without_a_match_have_neither() -> None:
 def test_disparities_beyond_the_image_are_compared_with_its_edge() -> None:
     left = texture(20.0)
     matches = np.full(left.shape, 65535, np.uint16)
-    assert np.isfinite(match_features(left, left, matches, SIGMA, 2)).all()
+    assert np.isfinite(match_features(left, left, matches, 2)).all()
 
 
 def test_tables_fit_the_features() -> None:

@@ -27,6 +27,7 @@ from renderers.stereo.sensor.exposure import Exposure
 from tests.adapters.stereo.analytic import plane, sphere
 
 MODEL = read_profile("rc_visard_160c").model
+NOISE = np.full(256, 0.3)
 
 
 @pytest.mark.parametrize("quality", [Quality.HIGH, Quality.MEDIUM, Quality.LOW])
@@ -47,7 +48,7 @@ def test_matching_with_soft_dots(quality: Quality) -> None:
         images.append(image_from_light(light, Exposure(), frame_key(1, 1, NoiseStream(number + 1)), pattern).image)
     true = true_disparity(depths[0], depths[1], k.focal_length * MODEL.baseline, DepthRange(0.4, 100))
     left, right = (fine_means(image, 1, *image.shape) for image in images)
-    measured = match_pair(left, right, MODEL.disparity_count(quality.divisor, 0.1), 0.3, quality.divisor)
+    measured = match_pair(left, right, MODEL.disparity_count(quality.divisor, 0.1), NOISE, quality.divisor)
     sure = (true > 0) & (measured.confidence >= 128)
     assert sure.sum() / (true > 0).sum() >= 0.95
     error = np.abs(measured.disparity / 16 - true)
@@ -68,7 +69,7 @@ def test_a_small_near_thing_is_found_before_a_far_wall(width: int) -> None:
     rows, columns = slice(100, 100 + 4 * side), slice(400, 400 + side)
     left[rows, columns] = random.integers(300, 3000, (4 * side, side), np.uint16)
     right[rows, columns.start - near : columns.stop - near] = left[rows, columns]
-    measured = match_pair(left, right, 216, 0.3, 2)
+    measured = match_pair(left, right, 216, NOISE, 2)
     inside = measured.disparity[rows, columns][4:-4, 4:-4]
     assert (np.abs(inside / 16.0 - near) <= 0.5).mean() > 0.8
     elsewhere = measured.disparity[:90, 40:-40]
@@ -80,9 +81,9 @@ def test_both_halves_of_an_image_are_matched_at_a_time_without_a_seam() -> None:
     random = np.random.default_rng(3)
     right = random.integers(300, 3000, (MIN_HEIGHT_OF_BANDS, 320), np.uint16)
     left = np.roll(right, 20, axis=1)
-    one_thread = match_pair(left, right, 48, 0.3, 2)
+    one_thread = match_pair(left, right, 48, NOISE, 2)
     with closing(CpuRenderer(2)) as renderer:
-        two_threads = match_pair(left, right, 48, 0.3, 2, renderer.parallel)
+        two_threads = match_pair(left, right, 48, NOISE, 2, renderer.parallel)
     for name in ("disparity", "error", "confidence"):
         assert_array_equal(getattr(two_threads, name), getattr(one_thread, name))
     middle = MIN_HEIGHT_OF_BANDS // 2

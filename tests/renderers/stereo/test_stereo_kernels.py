@@ -53,7 +53,7 @@ def test_every_kernel_is_called_with_the_types_of_its_signature() -> None:
         image = image_from_light(on_sensor, Exposure(), KEY, pattern).image
     write_mean_light(rendered, 4, 2, [rendered[:8, :12].copy()])
     fine = fine_means(image, 1, 24, 40)
-    match_pair(fine, fine, 16, 0.3, 1)
+    match_pair(fine, fine, 16, np.full(256, 0.3), 1)
     true = true_disparity(depth, depth, 8.0, DepthRange(0.4, 100.0))
     images = exact_images(true)
     apply_filters(images, Filters(), 8.0, 2)

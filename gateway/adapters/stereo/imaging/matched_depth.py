@@ -58,8 +58,8 @@ def matched_depth(
     return images
 
 
-def _noise_sigma(pair: ImagePair, config: StereoConfig, settings: StreamSettings) -> float:
-    """Return the standard deviation of the noise in the images that are matched, grey levels."""
+def _noise_sigma(pair: ImagePair, config: StereoConfig, settings: StreamSettings) -> NDArray[np.float64]:
+    """Return the standard deviation of the noise in the images that are matched, (256,) float64."""
     noise = config.noise_factor, settings.averaged_images, settings.quality.divisor
     return pair.noise_sigma(*noise, has_pattern=config.has_fixed_pattern)
 
@@ -68,7 +68,7 @@ def _match_region(
     left: NDArray[np.uint16],
     right: NDArray[np.uint16],
     disparity_count: int,
-    noise_sigma: float,
+    noise_sigma: NDArray[np.float64],
     settings: StreamSettings,
     parallel: Parallel,
 ) -> DepthImages:
@@ -103,7 +103,7 @@ def _match_half_resolution(
     left: NDArray[np.uint16],
     right: NDArray[np.uint16],
     disparity_count: int,
-    noise_sigma: float,
+    noise_sigma: NDArray[np.float64],
     divisor: int,
     parallel: Parallel,
 ) -> DepthImages:

@@ -65,7 +65,7 @@ def test_noise_matches_the_message(gain: float, gamma: float) -> None:
     exposure = Exposure(0.005 / 10 ** (gain / 20), gain, gamma)  # the same brightness
     image = sensor_image(rendered_grey((128 / 255) ** (1 / gamma), (960, 1280)), exposure, KEY).image.astype(float)
     # Rounding to whole levels adds 1/12.
-    assert image.std() == pytest.approx(np.sqrt(exposure.noise_sigma(128) ** 2 + 1 / 12), rel=0.15)
+    assert image.std() == pytest.approx(np.sqrt(exposure.mid_grey_noise**2 + 1 / 12), rel=0.15)
     assert image.mean() == pytest.approx(128, abs=2.5)
 
 
@@ -272,5 +272,5 @@ def test_matching_a_blank_wall_is_invalid() -> None:
     image = sensor_image(grey(120), Exposure(), KEY).image
     other = sensor_image(grey(120), Exposure(), frame_key(0, 0, NoiseStream.RIGHT)).image
     left, right = (fine_means(i, 1, *i.shape) for i in (image, other))
-    measured = match_pair(left, right, 64, 0.3, 2)
+    measured = match_pair(left, right, 64, np.full(256, 0.3), 2)
     assert (measured.confidence >= 128).mean() < 0.2

@@ -27,19 +27,19 @@ class FakeMatcher:
 
     def __init__(self, **results: tuple[int, int, int]) -> None:
         self.results = results
-        self.calls: list[tuple[tuple[int, ...], int, float, int]] = []
+        self.calls: list[tuple[tuple[int, ...], int, list[float], int]] = []
 
     def __call__(
         self,
         left: NDArray[np.uint16],
         right: NDArray[np.uint16],
         disparity_count: int,
-        noise_sigma: float,
+        noise_sigma: NDArray[np.float64],
         divisor: int,
         parallel: Parallel,
     ) -> DepthImages:
         assert left.shape == right.shape
-        self.calls.append((left.shape, disparity_count, noise_sigma, divisor))
+        self.calls.append((left.shape, disparity_count, noise_sigma.tolist(), divisor))
         name = f"call{len(self.calls)}"
         disparity, error, confidence = self.results.get(name, (0, 0, 0))
         return DepthImages(
@@ -77,7 +77,7 @@ def test_the_matcher_gets_the_noise_of_the_images(
     static, has_pattern = settings(static_scene=averaged > 1), frozenset({"fixed-pattern"})
     match(monkeypatch, matcher, pair(6.0), static, None, noise=noise, image_noise=image_noise, realism=has_pattern)
     expected = pair(6.0).noise_sigma(image_noise if noise else 0.0, averaged, 2, has_pattern=noise)
-    assert matcher.calls[0][2:] == (expected, 2)
+    assert matcher.calls[0][2:] == (expected.tolist(), 2)
 
 
 def test_holes_are_filled_from_half_the_resolution(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -87,7 +87,8 @@ def test_holes_are_filled_from_half_the_resolution(monkeypatch: pytest.MonkeyPat
         images = match(monkeypatch, matcher, pair(), settings(double_shot=True), None)
         (whole, count, sigma, divisor), (half, half_count, half_sigma, half_divisor) = matcher.calls
         assert (whole, half) == ((HEIGHT, WIDTH), (25, 32))
-        assert (half_count, half_sigma, half_divisor) == (-(-count // 2), sigma / 2, 2 * divisor)
+        assert (half_count, half_divisor) == (-(-count // 2), 2 * divisor)
+        assert half_sigma == [each / 2 for each in sigma]
         assert images.disparity.shape == images.error.shape == images.confidence.shape == (HEIGHT, WIDTH)
         assert (images.disparity == 80).all()
         assert (images.error == doubled).all()
@@ -98,7 +99,7 @@ def test_holes_are_filled_from_the_dark_images(monkeypatch: pytest.MonkeyPatch) 
     matcher = FakeMatcher(call2=(80, 3, 200))
     images = match(monkeypatch, matcher, pair(0.0), settings(double_shot=True), pair(12.0))
     assert [call[0] for call in matcher.calls] == [(HEIGHT, WIDTH)] * 2
-    assert matcher.calls[1][2] == pair(12.0).noise_sigma(1.0, 1, 2, has_pattern=False)
+    assert matcher.calls[1][2] == pair(12.0).noise_sigma(1.0, 1, 2, has_pattern=False).tolist()
     assert (images.disparity == 80).all()
 
 

@@ -26,7 +26,7 @@ async def test_status_of_an_idle_camera(start: Start) -> None:
     camera = await start(image_noise=0.5)
     camera.service.parameters.set("rc_camera", [("exp_control", "Manual"), ("gain_value", 6.0)])
     values = status_values(camera, "rc_camera")
-    sigma = camera.service.last_metered.exposure.noise_sigma(128.0)
+    sigma = camera.service.last_metered.exposure.mid_grey_noise
     assert float(values.pop("noise")) == pytest.approx(0.5 * sigma)
     assert status_values(await start(noise=False), "rc_camera")["noise"] == "0"
     assert values == {
