@@ -44,6 +44,8 @@ class ReadContext:
     """True: the event loop reads the request. Images, text, mesh files and controls raise ThreadRequired."""
     warnings: list[str] = field(default_factory=list)
     """One sentence for each irregularity of the current command that was tolerated."""
+    origin: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    """Point of the current geometry from which its points are counted."""
 
     def require_thread(self) -> None:
         """Raise ThreadRequired on the event loop."""
@@ -52,6 +54,9 @@ class ReadContext:
 
     def rows(self, value: Any, name: str, columns: tuple[int, ...], limit: str) -> NDArray[np.float32]:
         try:
+            if name in ("points", "vertices"):
+                positions, self.origin = self.arrays.positions(value, getattr(self.limits, limit))
+                return positions
             return self.arrays.floats(value, columns, getattr(self.limits, limit))
         except ArrayError as error:
             raise CommandError(f"{name} {error}") from None

@@ -13,7 +13,7 @@ from gateway.adapters.treeviewer import array_geometry, fields, image_geometry, 
 from gateway.adapters.treeviewer.context import ReadContext
 from gateway.scene.tree.geometry import Part
 from gateway.scene.tree.materials import WHITE, material
-from gateway.scene.tree.transforms import IDENTITY
+from gateway.scene.tree.transforms import IDENTITY, translation
 from scenegate.messages import geometry as messages
 from scenegate.messages import image_geometry as image_messages
 from scenegate.messages.field_kinds import CommandError, NothingToDraw, read_color, show
@@ -50,6 +50,7 @@ def read_geometry(params: Any, context: ReadContext, name: str = "geometry") -> 
         raise CommandError(f"{name}.type is missing" if kind is None else f"{name}.type {show(kind)} is not supported")
     geometry, make_parts = _TYPES[kind]
     fields.check_names(params, _NAMES[kind], name, context.warnings)
+    context.origin = (0.0, 0.0, 0.0)
     try:
         color = params.get("color")
         rgba = WHITE if color is None else read_color(color, "color", context)
@@ -64,6 +65,8 @@ def read_geometry(params: Any, context: ReadContext, name: str = "geometry") -> 
         return ()
     except CommandError as error:
         raise CommandError(f"{name}.{error}") from None
+    if any(context.origin):
+        X_node_geometry = X_node_geometry @ translation(*context.origin)
     is_identity = X_node_geometry is IDENTITY
     return tuple(
         msgspec.structs.replace(

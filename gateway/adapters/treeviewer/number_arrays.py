@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from gateway.adapters.treeviewer import json_kernels
 from gateway.adapters.treeviewer.json_kernels import TextArray
 from gateway.adapters.treeviewer.requests import UnreadableRequestError
+from scenegate.transforms import origin_amid
 
 MIN_NUMBERS: Final = 256
 """Shorter arrays stay in the JSON text. Paths must stay there, and Python decodes few numbers quickly."""
@@ -119,6 +120,13 @@ class NumberArrays:
         """
         with np.errstate(over="ignore", invalid="ignore"):
             return self._rows(value, columns, max_rows).astype(np.float32, order="C")
+
+    def positions(self, value: Any, max_rows: int) -> tuple[NDArray[np.float32], tuple[float, float, float]]:
+        """Return a copy of a field's points, (N, 3), from the point of ``origin_amid``, and this. See ``floats``."""
+        values = self._rows(value, (3,), max_rows)
+        origin = origin_amid(values)
+        with np.errstate(over="ignore", invalid="ignore"):
+            return (values - origin if any(origin) else values).astype(np.float32, order="C"), origin
 
     def doubles(self, value: Any, columns: tuple[int, ...], max_rows: int) -> NDArray[np.float64]:
         """Return a field's numbers as float64. See ``floats``."""

@@ -5,11 +5,12 @@ from typing import Any
 import numpy as np
 import pytest
 
+from gateway.scene.tree.geometry import Line, PointCloud, Surface
 from gateway.scene.tree.materials import material
 from gateway.scene.tree.transforms import IDENTITY, from_pose
 from renderers.drawlist import AlphaMode
 from scenegate.messages.geometry import Box, Capsule, Cylinder, Ellipsoid, Sphere, Triad
-from tests.adapters.treeviewer.conversation import BOX, TRIANGLE, Viewer
+from tests.adapters.treeviewer.conversation import BOX, CLOUD, TRIANGLE, Viewer
 
 NAN, INF = float("nan"), float("inf")
 MESH = {"type": "mesh_data", **TRIANGLE}
@@ -219,3 +220,28 @@ def test_a_line_warns_of_points_that_cannot_be_drawn(viewer: Viewer) -> None:
 def test_a_line_without_a_segment_draws_nothing(viewer: Viewer, points: list[Any]) -> None:
     assert viewer.publish({"type": "line", "points": points})["status"] == 0
     assert viewer.parts() == ()
+
+
+SURVEYED = [[512345.678, 5412345.678, 312.5], [512347.678, 5412345.678, 312.5], [512345.678, 5412346.178, 312.5]]
+"""Points in UTM coordinates, whose steps in float32 are 0.5 m."""
+
+
+@pytest.mark.parametrize(
+    "geometry",
+    [
+        {"type": "pointcloud", "points": SURVEYED},
+        {"type": "line", "points": SURVEYED},
+        {"type": "mesh_data", "vertices": SURVEYED, "faces": [[0, 1, 2]]},
+    ],
+)
+def test_surveyed_coordinates_are_exact(geometry: dict[str, Any]) -> None:
+    """Also beside a geometry whose points are not far away."""
+    up = {"translation": [0, 0, 1], "quaternion": [1, 0, 0, 0]}
+    viewer = Viewer()
+    viewer.publish(CLOUD, geometry | {"transform": up}, CLOUD)
+    first, part, last = viewer.parts()
+    assert isinstance(part.shape, PointCloud | Line | Surface)
+    points = part.shape.mesh.positions if isinstance(part.shape, Surface) else part.shape.points
+    expected = np.add(SURVEYED, (0, 0, 1))
+    np.testing.assert_allclose(points + part.X_node_part[:3, 3], expected, rtol=0, atol=1e-6)
+    assert first.X_node_part is last.X_node_part is IDENTITY
