@@ -4,9 +4,11 @@ import io
 import json
 import struct
 import time
+from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pytest
 from numpy.typing import NDArray
 from PIL import Image
 
@@ -18,6 +20,9 @@ FINGERPRINT = 0xD368E03F33C568BE
 """robotlocomotion.viewer2_comms_t, as lcm-gen computes it."""
 
 
+WEB = "gateway/adapters/viewer/web"
+AXE = Path(__file__).parents[4] / WEB / "node_modules/axe-core/axe.min.js"
+needs_axe = pytest.mark.skipif(not AXE.is_file(), reason=f"axe-core is not installed (npm ci in {WEB})")
 FLAGS = ("--lcm-url", "off", "--grpc-port", "0", "--tcpq-port", "0")
 
 
@@ -66,12 +71,21 @@ class Publisher:
 class View(Watched):
     """The page with a view from the side: the world's x axis points right."""
 
+    def check_accessibility(self, what: str) -> None:
+        """Check the page by the rules of axe in both themes."""
+        if not self.page.evaluate("window.axe !== undefined"):
+            self.page.evaluate(AXE.read_text())
+        for theme in ("dark", "light"):
+            self.page.evaluate("theme => (document.documentElement.dataset.theme = theme)", theme)
+            violations = self.page.evaluate("axe.run().then(({ violations }) => violations)")
+            assert [(each["id"], each["nodes"][0]["html"]) for each in violations] == [], f"{what}, {theme}"
+
     def look_at(self, *path: str) -> None:
         """Wait for a node, then ``look``. (The page frames the first node by itself.)"""
         self.wait_for_node(*path)
         self.look()
 
-    def wait_for_node(self, *path: str) -> None:
+    def wait_for_node(self, *path: str | int) -> None:
         """Wait for a node."""
         self.until(lambda: self.page.evaluate("path => scenegate.model.find(path)?.parts != null", path), str(path))
 
