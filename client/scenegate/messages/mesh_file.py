@@ -75,7 +75,14 @@ class MeshFile(Geometry, frozen=True):
         if suffix not in MESH_SUFFIXES:
             raise ValueError(f"{path} is not a mesh file of a known format ({', '.join(MESH_SUFFIXES)})")
         data = read_regular(source)
-        files = referenced_files(data, suffix, lambda name: read_regular(referenced_path(source, name)))
+
+        def read_referenced(name: str) -> bytes:
+            path = referenced_path(source, name)
+            if not path.is_file():  # named by its path on another machine, it may lie beside the mesh file
+                path = source.parent / spellings(name)[-1].rpartition("/")[2]
+            return read_regular(path)
+
+        files = referenced_files(data, suffix, read_referenced)
         return cls(source.name, data=data, files=files, **options)
 
     def _fields(self) -> dict[str, Any]:

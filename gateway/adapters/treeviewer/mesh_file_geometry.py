@@ -84,6 +84,9 @@ def _parts_of_sent(
         for spelling in spellings(name):
             if spelling in file_by_name:
                 return file_content(file_by_name[spelling], "files")
+        for other, sent in file_by_name.items():  # glTF asks only for the last part of a path on another machine
+            if spellings(str(other))[-1].rpartition("/")[2] == name:
+                return file_content(sent, "files")
         raise FileNotFoundError(2, "it was not sent; clients leave out what they cannot read", name)
 
     warnings: list[str] = []

@@ -18,6 +18,7 @@ from renderers.drawlist import AlphaMode, Material, Mesh
 from scenegate.messages import wire
 from scenegate.messages.geometry import Sphere
 from tests.adapters.treeviewer.conversation import TRIANGLE, Viewer, message
+from tests.files.gltf.builder import Builder
 
 NAN = float("nan")
 
@@ -74,6 +75,22 @@ def test_the_texture_of_a_robots_material_may_be_tga(viewer: Viewer) -> None:
     assert "warnings" not in viewer.publish({"type": "mesh_file", "filename": "a.obj", **sent})
     texture: Any = viewer.parts()[0].material.base_color_texture
     assert texture.image.decode()[0, 0].tolist() == [255, 0, 0, 255]
+
+
+@pytest.mark.parametrize(
+    "uri", ["buffer.bin", "parts\\\\buffer.bin", "C:\\\\me\\\\buffer.bin", "file:///me/buffer.bin"]
+)
+def test_files_of_gltf_documents_are_found_as_they_were_sent(viewer: Viewer, uri: str) -> None:
+    b = Builder()
+    b.node(mesh=b.triangle())
+    buffer = b.json["buffers"][0]
+    content, buffer["uri"] = buffer["uri"].partition(",")[2], json.loads(f'"{uri}"')
+    data = base64.b64encode(b.text()).decode()
+    answer = viewer.publish(
+        {"type": "mesh_file", "filename": "a.gltf", "data": data, "files": {buffer["uri"]: content}}
+    )
+    assert answer["status"] == 0
+    assert mesh_of(viewer).positions.shape == (3, 3)
 
 
 def test_a_file_name_that_cannot_be_encoded_is_an_error(viewer: Viewer) -> None:

@@ -71,6 +71,10 @@ def test_files_that_a_published_mesh_refers_to(tmp_path: Path) -> None:
     assert MeshFile.read(write(tmp_path, "mtllib a.mtl b.mtl\n", "m.obj")).files == files
     text = "ply\nformat ascii 1.0\ncomment TextureFile t x.png\nend_header\ncomment TextureFile u.png\n"
     assert MeshFile.read(write(tmp_path, text, "m.ply")).files == {"t x.png": b"t"}
+    uris = ["C:\\\\Users\\\\me\\\\u.png", "file:///home/me/t%20x.png", "gone/", "gone.png"]
+    images = ", ".join(f'{{"uri": "{uri}"}}' for uri in uris)
+    sent = MeshFile.read(write(tmp_path, f'{{"images": [{images}]}}', "m.gltf")).files
+    assert sent == {"C:\\Users\\me\\u.png": b"u", "file:///home/me/t%20x.png": b"t"}
 
 
 @pytest.mark.parametrize("folder", [".", "meshes", "meshes/parts"])
