@@ -1,6 +1,7 @@
 """The browser view from another container: the page, its scene over WebSocket, nothing from other hosts."""
 
 import io
+import os
 
 import cv2
 import httpx2
@@ -13,7 +14,7 @@ from tests.support.browser import Watched, chromium, wait_in_page
 pytestmark = [pytest.mark.compose, pytest.mark.browser]
 
 
-@pytest.mark.slow
+@pytest.mark.skipif("SCENEGATE_URL" not in os.environ, reason="test_image runs it")
 def test_the_page_shows_the_demo_scene(url: str) -> None:
     with chromium() as browser:
         shown = Watched(browser, url, width=480, height=320)  # more pixels of the demo take a minute without a GPU

@@ -43,10 +43,8 @@ def docs() -> Iterator[tuple[Any, dict[str, Any]]]:
     ("method", "path"),
     [
         ("get", "/healthz"),
-        ("get", "/metrics"),
         ("get", "/scene"),
         ("get", "/scene/render"),
-        ("get", "/cameras"),
         ("get", "/view/frame.jpg"),
         ("get", PARAMETER),
         ("put", PARAMETER),

@@ -39,10 +39,6 @@ def ready(process: GatewayProcess) -> tuple[str, list[int]]:
     return url, [int(pid) for pid in health.get("workers", {}).get("states", ())]
 
 
-def idle(process: GatewayProcess) -> None:
-    ready(process)
-
-
 def rendering(process: GatewayProcess) -> None:
     url, _ = ready(process)
     fields = {**forms.drake_fields("color"), "width": "4096", "height": "4096"}
@@ -85,7 +81,6 @@ MOMENTS: dict[str, tuple[tuple[str, ...], Moment]] = {
     "two processes, imports": (TWO, at_once),
     "two processes, start": (TWO, listening),
     "two processes, compilation": ((*TWO, EMPTY_CACHE), compiling),
-    "two processes, idle": (TWO, idle),
     "two processes, one hangs": ((*TWO, "--shutdown-seconds", "1"), hung),
     "two processes, both hang": ((*TWO, "--shutdown-seconds", "1"), all_hung),
     "two processes, one restarts": (TWO, restarting),
