@@ -179,27 +179,25 @@ def refined_matches(
     """Return the disparities before they are rounded, (H, W) float32, 0 where there is no match."""
     matches = _semi_global_matches(grey_levels(left), grey_levels(right), disparity_count)
     start = matches.astype(np.float32) * np.float32(DISPARITY_SCALE)
-    refined = _smoothed(start)
+    mean = _window_mean(start)
+    # Beside an edge, the window has two surfaces, of which the refinement would find a mixture.
+    is_smooth = (start > 0.0) & (np.abs(mean - start) <= MAX_REFINEMENT)
+    refined = np.where(is_smooth, mean, start)
     left_detail, right_detail = without_local_mean(left), without_local_mean(right)
     mid_grey_noise = float(noise_sigma[128])
     for _ in range(REFINEMENTS):
         shift = residual_shift(left_detail, right_detail, refined, REFINEMENT_RADIUS, mid_grey_noise)
         # At least one unit: 0 is no match.
         refined = np.where(start > 0.0, np.maximum(refined + shift, np.float32(DISPARITY_SCALE)), np.float32(0.0))
-    is_refined = np.abs(refined - start) <= MAX_REFINEMENT
+    is_refined = is_smooth & (np.abs(refined - start) <= MAX_REFINEMENT)
     return np.asarray(np.where(is_refined, refined, start), np.float32)
 
 
-def _smoothed(disparity: NDArray[np.float32]) -> NDArray[np.float32]:
-    """Return the mean of the known disparities in each pixel's window of the refinement, (H, W) float32.
-
-    A pixel whose disparity differs by more than ``MAX_REFINEMENT`` from the mean, as beside an edge, keeps it.
-    """
+def _window_mean(disparity: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Return the mean of the known disparities in each pixel's window of the refinement, (H, W) float32."""
     window = (2 * REFINEMENT_RADIUS + 1,) * 2
     known_share = cv2.boxFilter((disparity > 0.0).astype(np.float32), -1, window)
-    mean = cv2.boxFilter(disparity, -1, window) / np.maximum(known_share, np.float32(1e-3))
-    is_smooth = (disparity > 0.0) & (np.abs(mean - disparity) <= MAX_REFINEMENT)
-    return np.asarray(np.where(is_smooth, mean, disparity), np.float32)
+    return np.asarray(cv2.boxFilter(disparity, -1, window) / np.maximum(known_share, np.float32(1e-3)), np.float32)
 
 
 def _semi_global_matches(left: NDArray[np.uint8], right: NDArray[np.uint8], disparity_count: int) -> NDArray[np.uint16]:
