@@ -28,6 +28,8 @@ _FAR: Final = (1e3, 1e12)
 """Range of the largest coordinate of shapes that ``origin_amid`` looks at."""
 _COARSEST_STEP: Final = 1e-5
 """Largest step of float32 coordinates, as a share of a shape's length."""
+_FEW: Final = 64
+"""Number of coordinates up to which a list is faster than an array."""
 
 
 def from_pose(translation: Vector, quaternion: Vector) -> Matrix:
@@ -105,19 +107,21 @@ def scaling(x: float, y: float, z: float) -> Matrix:
 def origin_amid(positions: NDArray[Any]) -> tuple[float, float, float]:
     """Return a point amid positions, (N, 3), if float32 would tear their shape, as that of a survey; else (0, 0, 0)."""
     nowhere = 0.0, 0.0, 0.0
-    if positions.dtype == np.float32 or not len(positions):
+    if positions.dtype.char == "f" or not positions.size:  # float32
+        return nowhere
+    if positions.size <= _FEW and max(map(abs, positions.ravel().tolist())) <= _FAR[0]:
         return nowhere
     largest = max(float(positions.max()), -float(positions.min()))
     if np.isnan(largest):  # these are slower
         largest = max(np.fmax.reduce(positions, axis=None), -np.fmin.reduce(positions, axis=None))
-    if not _FAR[0] < largest < _FAR[1]:
+    if largest <= _FAR[0]:
         return nowhere
-    rows = positions[np.isfinite(positions).all(axis=1)]
-    if not len(rows):
-        return nowhere
-    low, high = rows.min(axis=0), rows.max(axis=0)
-    length = float((high - low).max())
-    if length == 0.0 or np.spacing(np.float32(largest)) <= _COARSEST_STEP * length:
+    columns = np.array(positions.T, np.float64, order="C")  # ten times as fast as reductions along axis 0
+    columns[np.isinf(columns)] = np.nan
+    low, high = np.fmin.reduce(columns, axis=1), np.fmax.reduce(columns, axis=1)
+    largest = max(high.max(), -low.min())
+    length = (high - low).max()
+    if not (_FAR[0] < largest < _FAR[1] and np.spacing(np.float32(largest)) > _COARSEST_STEP * length):
         return nowhere
     x, y, z = np.rint(0.5 * (low + high)).tolist()
     return x, y, z

@@ -377,3 +377,21 @@ def test_surveyed_coordinates_are_exact(geometry: Callable[..., Geometry], name:
     X = np.eye(4) if transform is None else from_pose(transform[:3], transform[3:])
     expected = SURVEYED @ X[:3, :3].T + X[:3, 3]
     np.testing.assert_allclose(body[name] @ sent[:3, :3].T + sent[:3, 3], expected, rtol=0, atol=1e-6)
+
+
+@pytest.mark.parametrize(
+    "points", [SURVEYED[:1], [*SURVEYED, (np.inf, np.nan, 0)], SURVEYED.tolist(), SURVEYED.astype(np.int64)]
+)
+def test_surveyed_points_of_any_kind_are_exact(points: Any) -> None:
+    """A single one, one beside missing points, lists and integers."""
+    body = PointCloud(points).body()
+    expected = np.array(points, np.float64)
+    is_there = np.isfinite(expected).all(axis=1)
+    np.testing.assert_allclose(
+        (body["points"] + np.array(body["transform"]["translation"]))[is_there], expected[is_there], rtol=0, atol=1e-6
+    )
+
+
+@pytest.mark.parametrize("points", [999 * np.eye(3), SURVEYED.astype(np.float32), [], np.empty((5, 0)), [(1e20, 0, 0)]])
+def test_points_that_are_not_far_away_need_no_transform(points: Any) -> None:
+    assert "transform" not in PointCloud(points).body()

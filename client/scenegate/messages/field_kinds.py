@@ -165,6 +165,11 @@ def number_rows(name: str, values: ArrayLike, *columns: int, dtype: type[np.gene
 
     Raises ValueError for another shape, or values that are not numbers (integers for an integer ``dtype``).
     """
+    return copied_rows(checked_rows(name, values, *columns, dtype=dtype), dtype)
+
+
+def checked_rows(name: str, values: ArrayLike, *columns: int, dtype: type[np.generic] = np.float32) -> NDArray[Any]:
+    """Return a field's values as ``number_rows`` does, of any type, and perhaps the caller's own array."""
     rows = f"{columns[0]} to {columns[-1]}" if len(columns) > 2 else " or ".join(map(str, columns))
     wanted = f"{name} must have {'numbers' if columns == (1,) else f'rows of {rows}'}"
     array = as_array(values, wanted)
@@ -176,7 +181,12 @@ def number_rows(name: str, values: ArrayLike, *columns: int, dtype: type[np.gene
     needs_integers = dtype in (np.int64, np.uint32)
     if array.dtype.kind not in ("iub" if needs_integers else "fiub"):
         raise ValueError(f"{name} must have {'integers' if needs_integers else 'numbers'}, not {array.dtype}")
-    copy = empty_with_header(array.shape, dtype)  # TreeViewer keeps it, so the caller's array may change
+    return array
+
+
+def copied_rows(array: NDArray[Any], dtype: type[np.generic] = np.float32) -> NDArray[Any]:
+    """Return a copy of values, which TreeViewer keeps, so that the caller's array may change."""
+    copy = empty_with_header(array.shape, dtype)
     copy[...] = array
     return copy
 
@@ -321,11 +331,11 @@ def _as_it_is(value: Any, _name: str, _reader: FieldReader) -> Any:
     return value
 
 
-def _rows(limit: str, *columns: int) -> FieldKind:
+def _rows(limit: str, columns: int, write: Callable[..., NDArray[Any]] = number_rows) -> FieldKind:
     def read(value: Any, name: str, reader: FieldReader) -> NDArray[np.float32]:
-        return reader.rows(value, name, columns, limit)
+        return reader.rows(value, name, (columns,), limit)
 
-    return FieldKind(read, lambda name, values: number_rows(name, values, *columns))
+    return FieldKind(read, lambda name, values: write(name, values, columns))
 
 
 _DISTANCE: Final = Annotated[float, Meta(ge=0, le=MAX_DISTANCE)]
@@ -349,9 +359,10 @@ AxisLength = Annotated[
 Scale = Annotated[float | Vector, FieldKind(_read_scale, _write_scale)]
 Pixels = Annotated[float, FieldKind(_read_pixels, write_number)]
 Flag = Annotated[bool, FieldKind(lambda value, _name, _reader: bool(value), lambda _, value: bool(value), bool)]
-Points = Annotated[ArrayLike, _rows("points", 3)]
+Points = Annotated[ArrayLike, _rows("points", 3, checked_rows)]
+"""Positions, which ``Geometry.body`` copies from a point amid them. ``Vertices``, too."""
 Ranges = Annotated[ArrayLike, _rows("points", 1)]
-Vertices = Annotated[ArrayLike, _rows("vertices", 3)]
+Vertices = Annotated[ArrayLike, _rows("vertices", 3, checked_rows)]
 Heights = Annotated[ArrayLike, FieldKind(lambda value, name, reader: reader.grid(value, name), _write_heights)]
 VertexColors = Annotated[ArrayLike, FieldKind(lambda value, name, reader: reader.colors(value, name), color_rows)]
 Color = Annotated[ArrayLike, FieldKind(read_color, lambda name, value: rgba(value, name))]

@@ -38,6 +38,7 @@ from scenegate.messages.field_kinds import (
     TextureCoordinates,
     VertexColors,
     Vertices,
+    copied_rows,
     number_list,
     number_rows,
 )
@@ -143,14 +144,16 @@ class Geometry(msgspec.Struct, frozen=True, kw_only=True, gc=False, omit_default
         body: dict[str, Any] = {"type": self.kind, "color": rgba(self.color)}
         transform = None if self.transform is None else Transform.of(self.transform)
         fields = self._fields()
-        for name in {"points", "vertices"} & fields.keys():
-            positions = np.asarray(getattr(self, name))
+        for name in ("points", "vertices"):
+            if (positions := fields.get(name)) is None:
+                continue
             origin = origin_amid(positions)
             if any(origin):
-                fields[name] = number_rows(name, positions - origin, 3)
+                positions = positions - origin
                 transform = transform or Transform()
                 x, y, z, _ = from_pose(transform.translation, transform.quaternion) @ (*origin, 1.0)
                 transform = Transform((x, y, z), transform.quaternion)
+            fields[name] = copied_rows(positions)
         if transform is not None:
             body["transform"] = transform.body()
         return body | fields
