@@ -44,6 +44,8 @@ _KINDS: Final[dict[str, JointKind | None]] = {
 }
 """Kind of a joint, by the attribute ``type``; None: it does not move."""
 _SEPARATOR: Final = "::"
+_MODEL_FRAME: Final = "::__model__"
+"""End of the name of another model's own frame."""
 """Separator between the name of a model and a name in it."""
 MAX_INCLUDES: Final = 1000
 """Maximum number of included models: worlds have fewer than 100."""
@@ -72,8 +74,8 @@ class _Scope:
 
     def frame(self, name: str) -> str:
         """Return the full name of a frame, given the name in the file; without one, of the model's own."""
-        name = name.removesuffix("__model__").removesuffix(_SEPARATOR)
-        return self.full_name(name) if name else self.base
+        name = name.removesuffix(_MODEL_FRAME)
+        return self.full_name(name) if name not in ("", "__model__") else self.base
 
 
 def parse_sdf(
@@ -269,8 +271,10 @@ class _SdfReader:
         attached = attribute(frame, "attached_to")
         attached_to = scope.frame(attached)
         base = scope.frame(relative_to) if relative_to else attached_to
-        # Gazebo 11 saves an included model as frames such as ``model::__model__``.
-        self._frames.add(scope.frame(attribute(frame, "name")), Frame(X, base, attached_to))
+        name = attribute(frame, "name")
+        if scope.version < (1, 8):  # Gazebo 11 saves an included model as frames such as ``model::__model__``
+            name = name.removesuffix(_MODEL_FRAME)
+        self._frames.add(scope.full_name(name), Frame(X, base, attached_to))
 
     def _link(self, name: str, element: Element, scope: _Scope) -> Link:
         def X_link(frame: str) -> NDArray[np.float64]:

@@ -1,7 +1,8 @@
 """Read the geometry type ``mesh_file``: a file that the viewer opens, or the content of one."""
 
+import re
 from pathlib import PurePosixPath
-from typing import Any
+from typing import Any, Final
 
 import msgspec
 import numpy as np
@@ -26,6 +27,9 @@ from renderers.drawlist import ImageError, Texture
 from scenegate.messages.field_kinds import CommandError, NothingToDraw, read_color, show
 from scenegate.messages.mesh_file import MAX_FILES, spellings
 from scenegate.warning_text import NOTHING_DRAWN
+
+_ABSOLUTE: Final = re.compile(r"[/\\]|[A-Za-z][A-Za-z0-9+.-]*:")
+"""Start of a file's path on another machine, or of its URL."""
 
 
 def mesh_file(
@@ -80,13 +84,19 @@ def _parts_of_sent(
     if up not in (None, "z"):
         raise CommandError(f"up must be 'z' or missing, not {show(up)}")
 
+    # glTF asks only for the last part of a path on another machine.
+    elsewhere = {
+        spellings(name)[-1].rpartition("/")[2]: sent
+        for name, sent in file_by_name.items()
+        if isinstance(name, str) and _ABSOLUTE.match(name)
+    }
+
     def resolve(name: str) -> bytes:
         for spelling in spellings(name):
             if spelling in file_by_name:
                 return file_content(file_by_name[spelling], "files")
-        for other, sent in file_by_name.items():  # glTF asks only for the last part of a path on another machine
-            if spellings(str(other))[-1].rpartition("/")[2] == name:
-                return file_content(sent, "files")
+        if name in elsewhere:
+            return file_content(elsewhere[name], "files")
         raise FileNotFoundError(2, "it was not sent; clients leave out what they cannot read", name)
 
     warnings: list[str] = []

@@ -174,7 +174,7 @@ class Buffers:
             raise error or GltfError(not_posted)
         *folders, name = re.split(r"[/\\]", unquote(uri))
         places = [name] if error else [unquote(uri), "/".join((*folders, name)), name]
-        for file in places:
+        for file in dict.fromkeys(places):
             try:
                 data = self._resolve(file)
             except (OSError, ValueError, LookupError) as reason:

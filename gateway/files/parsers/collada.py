@@ -41,7 +41,7 @@ def read_collada(data: bytes, read_file: ReadFile, options: MeshOptions) -> Mesh
     data = _checked_document(data)
     data = _with_known_primitives(data)
     document = collada.Collada(io.BytesIO(data), ignore=[collada.DaeError])
-    if any(isinstance(error, collada.DaeMalformedError) for error in document.errors):
+    if b"," in data and any(isinstance(error, collada.DaeMalformedError) for error in document.errors):
         data = _NUMBERS.sub(lambda numbers: numbers[0].replace(b",", b"."), data)
         document = collada.Collada(io.BytesIO(data), ignore=[collada.DaeError])
     errors = document.errors

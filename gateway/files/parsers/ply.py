@@ -211,11 +211,11 @@ def _add_hints(elements: list[_Element], drawn: _Element | None, textures: list[
 
 
 def _with_known_values(body: bytes, elements: list[_Element], warnings: list[str]) -> bytes:
-    """Return text without those values of the first element's rows that its header names wrongly, or not at all.
+    """Return text without those values of the first rows that the header names wrongly, or not at all.
 
     Assimp 6.0 writes colours that it does not declare, and texture coordinates that it calls colours.
     """
-    name, row_count, properties = elements[0]
+    name, row_count, properties = next(each for each in elements if each.row_count)
     declared, found = len(properties), len(body.lstrip().partition(b"\n")[0].split())
     known = list(itertools.takewhile(lambda each: each.name in _PLACES, properties))
     lines = [] if found == declared else body.strip().split(b"\n")
@@ -224,9 +224,9 @@ def _with_known_values(body: bytes, elements: list[_Element], warnings: list[str
     rows = [line.split()[: len(known)] for line in lines[:row_count]]
     if any(len(row) < len(known) for row in rows):
         return body
-    names = ", ".join(each.name for each in known)
+    names = ", ".join(each.name for each in known) or "none"
     warnings.append(
-        f"rows of its element {name!r} have {found} values, its header names {declared}: only {names} are read"
+        f"rows of its element {name!r} have {found} values, its header names {declared}; of them are read: {names}"
     )
     properties[:] = known
     return b"\n".join((*map(b" ".join, rows), *lines[row_count:]))

@@ -93,6 +93,12 @@ def test_files_of_gltf_documents_are_found_as_they_were_sent(viewer: Viewer, uri
     assert mesh_of(viewer).positions.shape == (3, 3)
 
 
+def test_a_file_of_another_folder_is_not_taken_for_one_that_was_not_sent(viewer: Viewer) -> None:
+    obj, mtl = (base64.b64encode(text).decode() for text in (b"mtllib a.mtl\nv 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3", b""))
+    answer = viewer.publish({"type": "mesh_file", "filename": "a.obj", "data": obj, "files": {"b/a.mtl": mtl}})
+    assert "'a.mtl' is left out" in answer["warnings"][0]
+
+
 def test_a_file_name_that_cannot_be_encoded_is_an_error(viewer: Viewer) -> None:
     answer = viewer.publish({"type": "mesh_file", "filename": "a\ud800.obj", "data": "djAK"})
     assert "filename is not Unicode text: <str>" in answer["error"]

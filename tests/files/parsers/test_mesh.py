@@ -199,6 +199,12 @@ def test_ply_as_assimp_writes_it(names: str, values: str) -> None:
     assert area(data.encode(), "ply") == pytest.approx(3.0)
 
 
+def test_an_element_without_rows_before_the_vertices_of_a_ply() -> None:
+    data = ascii_ply(3, "0 0 0\n2 0 0\n0 3 0\n3 0 1 2\n", faces=1)
+    camera = "element camera 0\nproperty float view_px\n"
+    assert content(data.replace("element vertex", f"{camera}element vertex"), "ply").warnings == []
+
+
 def test_ply_whose_faces_have_three_corners_each_on_average() -> None:
     """The file is as long as one whose faces are all like the first one, which trimesh takes it for."""
     assert area(ply("<", [[0, 1, 2, 3], [0, 1, 4], [0, 1, 2, 3, 0]], False), "ply") == pytest.approx(2.5)

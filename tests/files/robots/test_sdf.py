@@ -236,6 +236,11 @@ WORLD = placed("world") + placed("cart", "0 0 1 0 0 0") + jointed("j", "prismati
 WHEEL = jointed("wheel", "revolute", "a", "wheel") + placed("a") + placed("wheel", "0 1 0 0 0 0")
 SAVED = "<frame name='n::__model__' attached_to='n::a'><pose relative_to='__model__'>0 2 0 0 0 0</pose></frame>"
 SAVED += placed("n::a", "0 0 1 0 0 0", " relative_to='n::__model__'")
+LIKE_SAVED = placed("a", "0 0 1 0 0 0") + f"<model name='n'><pose>0 3 0 0 0 0</pose>{placed('b')}</model>"
+LIKE_SAVED += "".join(
+    f"<frame name='{each}'><pose>5 0 0 0 0 0</pose></frame>" for each in ("", "a__model__", "n::__model__")
+)
+"""Frames that are not those of models: nameless, of a name that only looks like it, and one that SDF 1.8 refuses."""
 OTHERS = f"<model name='m'><pose>0 0 2 0 0 0</pose>{placed('a')}</model>"
 OTHERS += f"<model name='n'><pose relative_to='m::__model__'>1 0 0 0 0 0</pose>{placed('b')}</model>"
 
@@ -260,6 +265,7 @@ OTHERS += f"<model name='n'><pose relative_to='m::__model__'>1 0 0 0 0 0</pose>{
         (model(WHEEL, "1.4"), {"wheel_joint": 1.0}, {"a": (0, 0, 0), "wheel": (0, 1, 0)}),
         (world(OTHERS), {}, {"m::a": (0, 0, 2), "n::b": (1, 0, 2)}),
         (model(SAVED, "1.7"), {}, {"n::a": (0, 2, 1)}),  # an included model, as Gazebo 11 saves it
+        (model(LIKE_SAVED), {}, {"a": (0, 0, 1), "n::b": (0, 3, 0)}),
         # before version 1.7 frame is relative_to
         (
             model(placed("a", "0 0 1 0 0 0", " frame=''") + placed("b", "0 0 1 0 0 0", " frame='a'"), "1.6"),
