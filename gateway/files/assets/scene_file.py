@@ -1,6 +1,7 @@
 """Reads glTF files that the operator names, and rotates them to Z up. They may refer to files in their own folder."""
 
 import hashlib
+import os
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -87,7 +88,8 @@ class FolderFiles:
 
     def resolve(self, uri: str) -> bytes:
         """Return the bytes of a file that the scene file refers to by a relative URI; raises GltfError."""
-        target = (self._path.parent / uri).resolve()
+        # Path.resolve raises RuntimeError for links in a circle.
+        target = Path(os.path.realpath(self._path.parent / uri))
         if not target.is_relative_to(self._path.parent):
             raise GltfError(f"{uri} lies outside of the scene's folder")
         try:

@@ -65,12 +65,9 @@ def expand_mesh_nodes(
             new_nodes, joint_matrices = None, None
             colors: list[tuple[float, ...]] = []
             if source.skin is not None:
-                X_world_mesh, joint_matrices = skins.get(source.skin, f"{name}.skin")
                 with np.errstate(all="ignore"):
-                    is_mirrored = np.linalg.det(nodes.X_world_node[position, :3, :3]) < 0.0
-                if is_mirrored:  # this turns over its triangles, although its joints place it (glTF 2.0, 3.7.4)
-                    X_world_mesh = X_world_mesh @ _MIRROR
-                    joint_matrices = np.concatenate((-joint_matrices[:, :1], joint_matrices[:, 1:]), axis=1)
+                    is_mirrored = bool(np.linalg.det(nodes.X_world_node[position, :3, :3]) < 0.0)
+                X_world_mesh, joint_matrices = skins.get(source.skin, f"{name}.skin", is_mirrored)
                 new_nodes = _AddedNodes(position, -1, X_world_mesh[None])
                 if INSTANCING in (source.extensions or {}):
                     warnings.append(f"{name}.extensions.{INSTANCING}: ignored, as the mesh has a skin")
@@ -122,17 +119,23 @@ class _Skins:
         self._nodes = nodes
         self._accessors = accessors
         self._position_of_node = {index: position for position, index in enumerate(nodes.indices)}
-        self._skins: dict[int, tuple[NDArray[np.float64], NDArray[np.float32]]] = {}
+        self._skins: dict[tuple[int, bool], tuple[NDArray[np.float64], NDArray[np.float32]]] = {}
+        """Skins by index, and True for those of mirrored nodes."""
 
-    def get(self, index: int, path: str) -> tuple[NDArray[np.float64], NDArray[np.float32]]:
+    def get(self, index: int, path: str, is_mirrored: bool) -> tuple[NDArray[np.float64], NDArray[np.float32]]:
         """Return X_world_mesh of the meshes with a skin, (4, 4), and the matrices of its joints, (J, 3, 4).
 
         The pose is a translation to the first joint. The joint matrices are relative to it, so their float32 values
-        stay exact far from the origin.
+        stay exact far from the origin. A mirrored node turns over the triangles, although its joints place them (glTF
+        2.0, 3.7.4): then the pose mirrors, too, and the matrices undo it.
         """
-        if index not in self._skins:
-            self._skins[index] = self._read(checked_item(self._sources, index, "skins", path), f"skins[{index}]")
-        return self._skins[index]
+        if (index, is_mirrored) not in self._skins:
+            X_world_mesh, matrices = self._read(checked_item(self._sources, index, "skins", path), f"skins[{index}]")
+            if is_mirrored:
+                X_world_mesh = X_world_mesh @ _MIRROR
+                matrices = np.concatenate((-matrices[:, :1], matrices[:, 1:]), axis=1)
+            self._skins[index, is_mirrored] = X_world_mesh, matrices
+        return self._skins[index, is_mirrored]
 
     def _read(self, skin: schema.Skin, name: str) -> tuple[NDArray[np.float64], NDArray[np.float32]]:
         joints = skin.joints or []

@@ -69,6 +69,12 @@ def test_nothing_outside_of_its_folder_is_read(tmp_path: Path, uri: str) -> None
         read_scene_file(written(folder, buffers=[{"byteLength": 36, "uri": uri}]))
 
 
+def test_a_link_in_a_circle_is_an_error(tmp_path: Path) -> None:
+    (tmp_path / "link.bin").symlink_to("link.bin")
+    with pytest.raises(SceneFileError, match=r"link\.bin"):
+        read_scene_file(written(tmp_path, buffers=[{"byteLength": 36, "uri": "link.bin"}]))
+
+
 def test_errors_name_the_file(tmp_path: Path) -> None:
     with pytest.raises(SceneFileError, match=r"none\.glb: No such file or directory"):
         read_scene_file(tmp_path / "none.glb")

@@ -225,13 +225,14 @@ def test_more_joints_than_supported() -> None:
         b.read()
 
 
-def test_a_skin_is_read_once_for_all_of_its_nodes() -> None:
+@pytest.mark.parametrize("scale", [(1, 1, 1), (-1, 1, 1)])
+def test_a_skin_is_read_once_for_all_of_its_nodes(scale: Any) -> None:
     """Otherwise a small document could use gigabytes."""
     b = skinned()
     first = len(b.json["nodes"])
     binds = b.accessor(np.tile(np.eye(4).ravel(), (500, 1)))
     b.json["skins"].append({"joints": [b.node() for _ in range(500)], "inverseBindMatrices": binds})
-    nodes = [b.node(mesh=0, skin=1) for _ in range(500)]
+    nodes = [b.node(mesh=0, skin=1, scale=scale) for _ in range(500)]
     b.json["scenes"] = [{"nodes": [*range(first, first + 500), *nodes]}]
     tracemalloc.start()
     scene = b.read()
