@@ -120,8 +120,7 @@ def origin_amid(positions: NDArray[Any]) -> tuple[float, float, float]:
     columns[np.isinf(columns)] = np.nan
     low, high = np.fmin.reduce(columns, axis=1), np.fmax.reduce(columns, axis=1)
     largest = max(high.max(), -low.min())
-    length = (high - low).max()
-    if not (_FAR[0] < largest < _FAR[1] and np.spacing(np.float32(largest)) > _COARSEST_STEP * length):
+    if not _FAR[0] < largest < _FAR[1] or np.spacing(np.float32(largest)) <= _COARSEST_STEP * (high - low).max():
         return nowhere
     x, y, z = np.rint(0.5 * (low + high)).tolist()
     return x, y, z

@@ -114,7 +114,7 @@ def tables() -> Tables:
 def with_even_noise(image: NDArray[np.uint16], noise_sigma: NDArray[np.float64]) -> NDArray[np.uint16]:
     """Return an image with contrast reduced at grey levels of more noise than ``EVEN_NOISE``, so that it has as much.
 
-    Noise depends on the grey level; at gamma 1, it grows. With that of mid grey everywhere, dark floors lost right matches.
+    Noise depends on the grey level. With that of mid grey everywhere, dark floors lost right matches.
     """
     contrast = EVEN_NOISE / np.maximum(noise_sigma, EVEN_NOISE)
     levels = np.interp(np.arange(_WHITE + 1) / 16.0, np.arange(256), contrast).cumsum().astype(np.uint16)

@@ -245,3 +245,12 @@ def test_surveyed_coordinates_are_exact(geometry: dict[str, Any]) -> None:
     expected = np.add(SURVEYED, (0, 0, 1))
     np.testing.assert_allclose(points + part.X_node_part[:3, 3], expected, rtol=0, atol=1e-6)
     assert first.X_node_part is last.X_node_part is IDENTITY
+
+
+def test_points_beyond_float32_are_left_out() -> None:
+    """The difference of their coordinates is beyond float64."""
+    viewer = Viewer()
+    viewer.publish({"type": "pointcloud", "points": [[1.7e308, 0, 0], [-1.7e308, 0, 0], [1, 2, 3]]})
+    (part,) = viewer.parts()
+    assert isinstance(part.shape, PointCloud)
+    np.testing.assert_array_equal(part.shape.points, [[1, 2, 3]])
