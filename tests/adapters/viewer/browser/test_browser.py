@@ -772,13 +772,20 @@ def test_large_cloud_is_drawn_in_steps_until_it_is_complete(shown: View, publish
 
 
 def test_panels_are_resized_and_keep_their_width(shown: View, publisher: Publisher) -> None:
-    publisher.box(["wide"], RED)
+    """The home view beside them stays framed."""
+    publisher.box(["left"], RED, x=-5.0)
+    publisher.box(["wide"], RED, x=5.0)
     shown.wait_for_node("wide")
     tree = shown.page.locator(".drawer.left")
     handle = shown.page.get_by_role("separator", name="Width of the scene tree")
     before = tree.bounding_box()["width"]
+    shown.page.keyboard.press("h")
+    shown.until(lambda: shown.page.evaluate(STILL), "the camera stands still")
+    eye_x = "scenegate.rig.view.eye[0]"
+    framed = shown.page.evaluate(eye_x)
     shown.drag(handle.bounding_box()["x"] + 2, 300, 500, 300)
     assert tree.bounding_box()["width"] == pytest.approx(500, abs=2)
+    shown.until(lambda: shown.page.evaluate(eye_x) > framed + 0.1, "the home view is framed again, from farther away")
     handle.focus()
     shown.page.keyboard.press("ArrowLeft")
     assert tree.bounding_box()["width"] == pytest.approx(484, abs=2)

@@ -146,12 +146,12 @@ export class Viewer {
       else follow.stop();
       follow.carry(stage.rig);
     });
-    // In a window of another shape, for instance on a phone that is turned, the home view stays framed.
-    addEventListener("resize", () => {
+    // In a view of another shape, as on a phone that is turned or beside panels that open, the home view stays framed.
+    new ResizeObserver(() => {
       if (!this.home.isShown) return;
       stage.resize();
       this.look("home");
-    });
+    }).observe(stage.holder);
   }
 
   apply(update: SceneUpdate): void {
