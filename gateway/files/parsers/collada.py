@@ -24,7 +24,7 @@ MAX_XML_DEPTH: Final = 512
 MAX_VISITED_NODES: Final = 1_000_000
 """Maximum number of nodes that hold geometry, after all ``<instance_node>`` are expanded."""
 _NUMBERS: Final = re.compile(rb"""[>"'][-+\d.,eE\s]+[<"']""")
-"""Text or attribute of numbers. Some have commas for decimal points, as 3ds Max writes on German computers."""
+"""Text or attribute of numbers. Some have commas for decimal points, as 3ds Max writes in many languages."""
 _RINGS: Final = "rings"
 """Attribute of polygons that had holes, see ``_with_known_primitives``."""
 _X_UP: Final = ((0.0, -1.0, 0.0, 0.0), (0.0, 0.0, -1.0, 0.0), (1.0, 0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0))
