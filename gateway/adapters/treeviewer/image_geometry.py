@@ -54,7 +54,7 @@ def mesh(
         return ()
     if coordinates is not None:  # vertices at equal positions are merged: normals are smooth across a texture's seams
         smooth = with_creases(vertices, triangle_indices, uv=coordinates, colors=linear_colors)
-    else:  # as in ``mesh_data``: smooth where faces share a vertex, because merging takes five times as long
+    else:  # as in ``mesh_data``: smooth where faces share a vertex
         source_vertex, smooth_faces, normals = smooth_vertices(vertices, triangle_indices)
         source_colors = None if linear_colors is None else linear_colors[source_vertex]
         smooth = Mesh(vertices[source_vertex], smooth_faces, normals, colors=source_colors)

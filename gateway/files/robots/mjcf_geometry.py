@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gateway.files.robots.mjcf_materials import MjcfMaterials
+from gateway.scene.draw.equal_rows import first_of_equal
 from gateway.scene.draw.image_meshes import heightmap_mesh, rectangle
 from gateway.scene.tree.geometry import Part, Shape, Surface
 from gateway.scene.tree.transforms import from_pose
@@ -195,10 +196,12 @@ class MjcfGeometry:
             if model.mesh_texcoordadr[mesh] >= 0:
                 uv = rows(model.mesh_texcoord, model.mesh_texcoordadr[mesh], model.mesh_texcoordnum[mesh])
                 corners.append(rows(model.mesh_facetexcoord, start, count))
-            unique, triangles = _unique_corners(np.stack(corners, axis=-1).reshape(3 * count, -1))
+            indices = np.stack(corners, axis=-1).reshape(3 * count, -1).astype(np.uint32)
+            first_corner, triangles = first_of_equal(indices)
+            unique = indices[first_corner]
             self._meshes[mesh] = Mesh(
                 np.ascontiguousarray(positions[unique[:, 0]], np.float32),
-                np.ascontiguousarray(triangles.reshape(-1, 3), np.uint32),
+                triangles.reshape(-1, 3),
                 normals=np.ascontiguousarray(normals[unique[:, 1]], np.float32),
                 uv0=None if uv is None else np.ascontiguousarray(uv[unique[:, 2]], np.float32),
             )
@@ -229,16 +232,3 @@ def _cube_mapped_box(half_lengths: list[float], texels: int, images: int) -> Mes
 def _box_mesh(half_lengths: list[float], faces: NDArray[np.int64]) -> Mesh:
     box = textured_box(np.array(half_lengths), faces)
     return Mesh(box.positions, box.triangles, box.normals, uv0=box.uv)
-
-
-def _unique_corners(corners: NDArray[Any]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Return the distinct rows of integers, (N, 2 | 3), not negative, and for each row its index among them."""
-    codes = np.zeros(len(corners), np.int64)
-    columns = corners.astype(np.int64)
-    sizes = columns.max(axis=0, initial=0) + 1
-    # Ranks in place of codes keep the products below 2**63 for up to 10 million vertices.
-    for column, size in zip(columns.T, sizes, strict=True):
-        codes = codes * size + column
-        _, codes = np.unique(codes, return_inverse=True)
-    _, first, inverse = np.unique(codes, return_index=True, return_inverse=True)
-    return columns[first], inverse

@@ -67,6 +67,7 @@ _COVERAGE: Final = ("renderers.raster.coverage",)
 _FORMATS: Final = (
     "gateway.files.gltf.meshopt_kernels",
     "gateway.scene.draw.crease_normals",
+    "gateway.scene.draw.equal_rows",
     "gateway.adapters.treeviewer.json_kernels",
     "gateway.adapters.treeviewer.msgpack_kernels",
 )

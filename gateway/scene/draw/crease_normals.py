@@ -16,6 +16,7 @@ from typing import Final, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from gateway.scene.draw.equal_rows import first_of_equal
 from renderers.compiler.device_function import inlined
 from renderers.compiler.jit import kernel, read_only
 from renderers.compiler.kernel_calls import is_set
@@ -254,22 +255,20 @@ def with_creases(
 
     Positions (N, 3) are finite; ``uv`` is (N, 2), ``colors`` (N, 4).
     """
-    # Compare positions by their bytes; adding 0 turns -0 into 0.
-    position_bytes = np.ascontiguousarray(positions + np.float32(0.0)).view(np.dtype((np.void, 12))).ravel()
-    _, first_vertex, merged_vertex = np.unique(position_bytes, return_index=True, return_inverse=True)
-    merged_triangles = merged_vertex.reshape(-1).astype(np.uint32)[triangles]
-    smooth_positions, smooth_triangles, normals = smooth_mesh(positions[first_vertex], merged_triangles)
+    # Positions are compared as integers; adding 0 turns -0 into 0.
+    first_vertex, merged_vertex = first_of_equal(np.ascontiguousarray(positions + np.float32(0.0)).view(np.uint32))
+    merged_triangles = merged_vertex.take(triangles)
+    smooth_positions, smooth_triangles, normals = smooth_mesh(positions.take(first_vertex, axis=0), merged_triangles)
     if uv is None and colors is None:
         return Mesh(smooth_positions, smooth_triangles, normals)
     # One output vertex for each pair of an input vertex, which has uv and colour, and a smooth vertex, with its normal.
     vertices, smooth_vertices = triangles.reshape(-1), smooth_triangles.reshape(-1)
-    pairs = vertices * np.int64(max(len(smooth_positions), 1)) + smooth_vertices
-    _, corner_of_vertex, output_vertex = np.unique(pairs, return_index=True, return_inverse=True)
+    corner_of_vertex, output_vertex = first_of_equal(np.stack((vertices, smooth_vertices), axis=-1))
     input_vertex = vertices[corner_of_vertex]
     return Mesh(
-        positions[input_vertex],
-        output_vertex.reshape(-1, 3).astype(np.uint32),
-        normals[smooth_vertices[corner_of_vertex]],
-        uv0=None if uv is None else uv[input_vertex],
-        colors=None if colors is None else colors[input_vertex],
+        positions.take(input_vertex, axis=0),
+        output_vertex.reshape(-1, 3),
+        normals.take(smooth_vertices[corner_of_vertex], axis=0),
+        uv0=None if uv is None else uv.take(input_vertex, axis=0),
+        colors=None if colors is None else colors.take(input_vertex, axis=0),
     )
