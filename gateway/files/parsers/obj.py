@@ -7,7 +7,10 @@ import math
 import re
 from array import array
 from collections import defaultdict
+from collections.abc import Iterable
 from dataclasses import dataclass, field
+from itertools import groupby
+from operator import itemgetter
 from typing import Final
 
 import numpy as np
@@ -66,6 +69,16 @@ class _ObjFile:
     """Lines of faces that cannot be drawn."""
     face_count: int = 0
 
+    def add_faces(self, material: str, corners: list[bytes], sizes: Iterable[int], lines: Iterable[int]) -> None:
+        """Add faces of ``sizes`` corners each, on ``lines``."""
+        faces = self.faces[material]
+        known = faces.corners
+        faces.indices.extend([known.setdefault(corner, len(known)) for corner in corners])
+        count = len(faces.sizes)
+        faces.sizes.extend(sizes)
+        faces.lines.extend(lines)
+        self.face_count += len(faces.sizes) - count
+
 
 def read_obj(data: bytes, read_file: ReadFile, textures: TextureFiles, options: MeshOptions, content: MeshData) -> None:
     """Add a shape for each material to ``content``, or the points of a file without faces.
@@ -110,16 +123,61 @@ def read_obj(data: bytes, read_file: ReadFile, textures: TextureFiles, options: 
 
 def _read_statements(data: bytes, submesh: str) -> _ObjFile:
     """Return the statements of a file; faces of a group or object only, unless the name ``submesh`` is empty."""
-    file = _ObjFile()
-    material, is_shown = "", not submesh
-    begun: list[bytes] = []
-    for number, line in enumerate(data.removeprefix(b"\xef\xbb\xbf").splitlines(), 1):
+    reader = _StatementReader(submesh)
+    number = 1
+    for _, run in groupby(data.removeprefix(b"\xef\xbb\xbf").splitlines(), itemgetter(slice(2))):
+        lines = list(run)
+        if not reader.read_run(number, lines):
+            for offset, line in enumerate(lines):
+                reader.read_line(number + offset, line)
+        number += len(lines)
+    return reader.file
+
+
+class _StatementReader:
+    """Reads lines of an OBJ file."""
+
+    def __init__(self, submesh: str) -> None:
+        self.file = _ObjFile()
+        self._submesh = submesh
+        self._is_shown = not submesh
+        """False: the current group is another one than ``submesh``."""
+        self._material = ""
+        self._begun: list[bytes] = []
+        """Lines that a backslash joins with the next one."""
+
+    def read_run(self, number: int, lines: list[bytes]) -> bool:
+        """Read successive lines of vertices, or of faces, with as many words each; return False for all others.
+
+        It takes half of the time of ``read_line``. ``number`` is that of the first line.
+        """
+        text = b" ".join(lines)
+        words = text.split()
+        size = len(words) // len(lines)
+        if self._begun or size < 2 or len(words) != size * len(lines) or re.search(rb"[#\\]", text):
+            return False
+        keywords = words[::size]
+        rows = {(b"v", 4): self.file.vertices, (b"vt", 3): self.file.uv, (b"vn", 4): self.file.normals}
+        numbers = rows.get((keywords[0], size))
+        is_of_faces = keywords[0] == b"f" and size >= 4 and self._is_shown and b"-" not in text
+        if keywords.count(keywords[0]) != len(lines) or not (is_of_faces or numbers is not None):
+            return False
+        del words[::size]
+        if numbers is not None:
+            numbers += words
+        else:
+            self.file.add_faces(self._material, words, [size - 1] * len(lines), range(number, number + len(lines)))
+        return True
+
+    def read_line(self, number: int, line: bytes) -> None:
+        """Read a line."""
+        file = self.file
         if line.endswith(b"\\"):
-            begun.append(line[:-1])
-            continue
-        if begun:
-            line = b" ".join((*begun, line))
-            begun = []
+            self._begun.append(line[:-1])
+            return
+        if self._begun:
+            line = b" ".join((*self._begun, line))
+            self._begun = []
         keyword, *words = line.split() or [b""]
         if b"#" in line:
             words = words[: next((k for k, word in enumerate(words) if word.startswith(b"#")), len(words))]
@@ -131,25 +189,20 @@ def _read_statements(data: bytes, submesh: str) -> _ObjFile:
             file.uv += (*words, b"0")[:2]
         elif keyword == b"vn" and len(words) == 3:
             file.normals += words
-        elif keyword == b"f" and is_shown:
-            file.face_count += 1
+        elif keyword == b"f" and self._is_shown:
             if len(words) < 3:
+                file.face_count += 1
                 file.broken.append(number)
-                continue
+                return
             if b"-" in line:
                 words = [_absolute(corner, file) for corner in words]
-            faces = file.faces[material]
-            known = faces.corners
-            faces.indices.extend([known.setdefault(corner, len(known)) for corner in words])
-            faces.sizes.append(len(words))
-            faces.lines.append(number)
+            file.add_faces(self._material, words, (len(words),), (number,))
         elif keyword == b"usemtl":
-            material = b" ".join(words).decode("utf-8", "replace")
+            self._material = b" ".join(words).decode("utf-8", "replace")
         elif keyword == b"mtllib":
             file.libraries.append(b" ".join(words).decode("utf-8", "replace").strip('"'))
-        elif submesh and keyword in (b"o", b"g"):
-            is_shown = submesh.encode() in (*words, b" ".join(words))
-    return file
+        elif self._submesh and keyword in (b"o", b"g"):
+            self._is_shown = self._submesh.encode() in (*words, b" ".join(words))
 
 
 def _absolute(corner: bytes, file: _ObjFile) -> bytes:
