@@ -106,11 +106,30 @@ def paint(
         rasterizer.shade_samples(scene, camera, samples, make_shader, select=opaque, cull_back=cull_back)
     elif opaque is None and visible is not None:
         _layer_shader(rasterizer, shading, lighting, visible, camera, ADD, output=output_address)(visible.ids)
-    if opaque is None:
-        return
-    assert visible is not None  # rendered above: the scene is peeled
+    if opaque is not None:
+        assert visible is not None  # rendered above
+        _draw_transparent(rasterizer, scene, shading, lighting, cameras, visible, output, color)
+
+
+def _draw_transparent(
+    rasterizer: Rasterizer,
+    scene: DrawList,
+    shading: ShadingScene,
+    lighting: LightingJob,
+    cameras: Sequence[Camera],
+    visible: Visibility,
+    output: NDArray[np.void],
+    color: NDArray[np.uint8],
+) -> None:
+    """Draw the pixels that transparent surfaces cover with all surfaces behind each other; with one sample, all pixels.
+
+    Args:
+        cameras: one for each sample; ``visible`` has the opaque surfaces that the first one sees.
+        output: the StudioOutput of the image, which is changed.
+        color: (H, W, 3), the image; with several samples, opaque surfaces are drawn.
+    """
     covered, part = np.ones(color.shape[:2], np.bool_), color
-    if samples > 1:
+    if len(cameras) > 1:
         rows, columns, covered = _covered_pixels(rasterizer, scene, shading, cameras)
         if not covered.size:
             return
@@ -118,9 +137,10 @@ def paint(
         cameras = tuple(_window_camera(each, rows, columns) for each in cameras)
         ids = np.ascontiguousarray(visible.ids[rows, columns])
         visible = replace(visible, ids=ids, inv_z=np.ascontiguousarray(visible.inv_z[rows, columns]))
-    mean = _peeled_mean(rasterizer, scene, shading, lighting, cameras, opaque, visible, covered)
+    mean = _peeled_mean(rasterizer, scene, shading, lighting, cameras, visible, covered)
     blended = np.empty(part.shape, np.uint8)
     output["color"] = address_of(blended, np.uint8)
+    output_address = address_of(output, layout.StudioOutput.dtype)
     write_rows = partial(write_image_rows, address_of(mean, np.float32), output_address, cameras[0].width)
     for_bands(rasterizer, cameras[0].height, write_rows)
     np.copyto(part, blended, where=covered[..., None])
@@ -157,7 +177,6 @@ def _peeled_mean(
     shading: ShadingScene,
     lighting: LightingJob,
     cameras: Sequence[Camera],
-    opaque: NDArray[np.bool_],
     first_view: Visibility,
     covered: NDArray[np.bool_],
 ) -> NDArray[np.float32]:
@@ -177,7 +196,7 @@ def _peeled_mean(
         accumulated = mean if len(cameras) == 1 else np.zeros(shape, np.float32)
         target, view = address_of(accumulated, np.float32), first_view
         if camera is not cameras[0]:
-            view = rasterizer.visibility(scene, camera, select=opaque, cull_back=shading.cull_back)
+            view = rasterizer.visibility(scene, camera, select=~shading.transparent, cull_back=shading.cull_back)
         shade = _layer_shader(rasterizer, shading, lighting, view, camera, BENEATH, target=target)
         for layer in peeled(rasterizer, scene, camera, shading.transparent, shading.cull_back, view):
             shade(layer.ids)
