@@ -87,8 +87,8 @@ class Image:
     key: bytes
     """Checksum of the content, for messages. Images are compared by identity."""
     decode: Callable[[], NDArray[np.uint8]]
-    """Function that returns (H, W, 4) uint8 RGBA, straight alpha, top row first. It raises an ``ImageError`` without
-    the image's name. Any thread may call it, also more than once."""
+    """Function that returns (H, W, 3 | 4) uint8, RGB or RGBA with straight alpha, top row first. It raises an
+    ``ImageError`` without the image's name. Any thread may call it, also more than once."""
     sixteen_bits: bool = False
     """True if the encoded image has 16 bits per channel, which VTK takes for linear values."""
 

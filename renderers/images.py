@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import re
 import struct
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any, Final, TypeAlias
 from weakref import WeakValueDictionary
@@ -18,6 +19,7 @@ from isal.igzip_lib import IsalError
 from numpy.typing import NDArray
 
 from renderers.drawlist import Image, ImageError, name_image_errors
+from renderers.encode import png_pixels
 from renderers.stop import check_stop
 
 MAX_PIXELS: Final = 64 << 20
@@ -105,26 +107,40 @@ def _header(data: bytes | memoryview) -> ImageHeader:
     raise ImageError(f"{subject} not supported, only PNG, JPEG and WebP")
 
 
-def _jpeg_frame_header(view: bytes | memoryview) -> tuple[int, int, int]:
-    """Return width, height and offset of the frame header SOFn (ITU T.81 B.2.2).
+def _jpeg_segments(view: bytes | memoryview) -> Iterator[tuple[int, int, int, int]]:
+    """Yield the segments of a JPEG after its first marker, up to the frame header SOFn (ITU T.81 B.2.2).
 
     At most 256 bytes of noise before a marker are skipped, as libjpeg does, so that both read the same frame header.
+
+    Yields:
+        Marker, and offsets: of the segment, of what follows the marker, of the next segment.
     """
-    offset = 2
+    begin = 2
     for _ in range(MAX_SEGMENTS):
-        match = _JPEG_MARKER.match(bytes(view[offset : offset + 256]))
+        match = _JPEG_MARKER.match(bytes(view[begin : begin + 256]))
         if match is None:
             break
-        offset += match.end()
-        marker = view[offset - 1]
-        is_frame_header = 0xC0 <= marker <= 0xCF and marker not in (0xC4, 0xC8, 0xCC)
-        if is_frame_header:
-            height, width = struct.unpack_from(">HH", view, offset + 3)
-            return width, height, offset
-        has_no_segment = marker == 0x01 or 0xD0 <= marker <= 0xD8
-        if not has_no_segment:
-            offset += max(2, struct.unpack_from(">H", view, offset)[0])
+        start = begin + match.end()
+        marker = view[start - 1]
+        has_no_content = marker == 0x01 or 0xD0 <= marker <= 0xD8
+        end = start if has_no_content else start + max(2, struct.unpack_from(">H", view, start)[0])
+        yield marker, begin, start, end
+        if 0xC0 <= marker <= 0xCF and marker not in (0xC4, 0xC8, 0xCC):
+            return
+        begin = end
     raise IndexError
+
+
+def _jpeg_frame_header(view: bytes | memoryview) -> tuple[int, int, int]:
+    """Return width, height and offset of the frame header."""
+    *_, (_, _, start, _) = _jpeg_segments(view)
+    height, width = struct.unpack_from(">HH", view, start + 3)
+    return width, height, start
+
+
+def _has_rgb_or_grey(jpeg: memoryview) -> bool:
+    """Return True if a JPEG has one or three components, False if it may be CMYK."""
+    return bytes(jpeg[_jpeg_frame_header(jpeg)[2] + 7 :][:1]) in (b"\1", b"\3")
 
 
 def _webp_size(start: bytes) -> tuple[int, int]:
@@ -153,6 +169,8 @@ class ImageFile:
         return _decode(self.data, self.max_pixels)
 
 
+_JPEG_APP_1_2: Final = (0xE1, 0xE2)
+"""Markers of segments with EXIF data and colour profiles."""
 _images: Final[WeakValueDictionary[ImageFile, Image]] = WeakValueDictionary()
 """Images in use, by content and ``max_pixels``. Renderers cache textures by the identity of their image."""
 
@@ -174,6 +192,26 @@ def image_from_bytes(data: bytes | memoryview, *, max_pixels: int = MAX_PIXELS) 
     return image
 
 
+def browser_file(image: Image) -> tuple[bytes, str]:
+    """Return a file of an image for browsers, and its media type.
+
+    It is the image's own PNG or JPEG, without colour profile and orientation, which browsers would apply; or a new PNG.
+
+    Raises:
+        ImageError: the image cannot be decoded, as far as this is seen; the message does not name it.
+    """
+    file = image.decode
+    if isinstance(file, ImageFile) and (header := _header(file.data)).pixels <= file.max_pixels:
+        view = memoryview(file.data)
+        if header.format == "PNG":
+            return _plain_png(_png_chunks(view)), "image/png"
+        if header.format == "JPEG" and _has_rgb_or_grey(view):
+            *before, (_, frame, _, _) = _jpeg_segments(view)
+            kept = (view[begin:end] for marker, begin, _, end in before if marker not in _JPEG_APP_1_2)
+            return b"".join((view[:2], *kept, view[frame:])), "image/jpeg"
+    return png_pixels(file()), "image/png"
+
+
 def decode_image(data: bytes | memoryview, *, name: str = "image", max_pixels: int = MAX_PIXELS) -> NDArray[np.uint8]:
     """Return (H, W, 4) uint8 RGBA, straight alpha, top row first, C-contiguous. Releases the GIL.
 
@@ -185,10 +223,12 @@ def decode_image(data: bytes | memoryview, *, name: str = "image", max_pixels: i
         Exception: the error of the current ``StopFlag``, if it was set.
     """
     with name_image_errors(name):
-        return _decode(data, max_pixels)
+        pixels = _decode(data, max_pixels)
+        return pixels if pixels.shape[2] == 4 else np.asarray(cv2.cvtColor(pixels, cv2.COLOR_RGB2RGBA), np.uint8)
 
 
 def _decode(data: bytes | memoryview, max_pixels: int) -> NDArray[np.uint8]:
+    """Return (H, W, 4) uint8 RGBA, or (H, W, 3) RGB of a JPEG."""
     check_stop()
     header = _header(data)
     if header.width <= 0 or header.height <= 0:
@@ -202,13 +242,17 @@ def _decode(data: bytes | memoryview, max_pixels: int) -> NDArray[np.uint8]:
         chunks = _png_chunks(memoryview(data).cast("B"))
         _check_inflated_size(chunks)
         transparent_level = _transparent_grey(chunks)
-        data = b"".join((_PNG_SIGNATURE, *(chunk for same_type in chunks.values() for chunk in same_type)))
+        data = _plain_png(chunks)
+    # An alpha of 255, and its search, would take a third of the time of a JPEG.
+    mode = cv2.IMREAD_COLOR_RGB | cv2.IMREAD_IGNORE_ORIENTATION if header.format == "JPEG" else cv2.IMREAD_UNCHANGED
     try:
-        samples: Any = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED)
+        samples: Any = cv2.imdecode(np.frombuffer(data, np.uint8), mode)
     except cv2.error as error:
         raise ImageError(f"broken {header.format} data: {error.err}") from error
     if samples is None or samples.shape[:2] != (header.height, header.width):
         raise ImageError(f"broken {header.format} data")
+    if header.format == "JPEG":
+        return np.asarray(samples, np.uint8)
     return _rgba(samples, transparent_level if samples.ndim == 2 else None)
 
 
@@ -257,6 +301,10 @@ def _png_chunks(png: memoryview) -> _PngChunks:
             chunks[kind].append(png[offset:end])
         offset = end
     raise ImageError(f"a PNG has more than {MAX_PNG_CHUNKS} chunks")
+
+
+def _plain_png(chunks: _PngChunks) -> bytes:
+    return b"".join((_PNG_SIGNATURE, *(chunk for same_type in chunks.values() for chunk in same_type)))
 
 
 def _check_inflated_size(chunks: _PngChunks) -> None:

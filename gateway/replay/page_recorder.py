@@ -4,8 +4,8 @@ A recording is a gzip stream of records, each a view frame with a time:
 ``f64 time | u32 frame bytes | u32 0 | frame, padded with zeros to a multiple of 8 bytes``, little-endian. The time is
 in seconds since the epoch. The frames are those of the WebSocket, in the order in which a page receives them:
 ``light``, ``page``, and for each change of the scene its new ``mesh`` frames and an ``update``. Two further kinds
-replace what a page downloads: ``image`` (a texture as PNG) and ``channel`` (a channel of a point cloud). The last
-frame, ``end``, has the time until which the scene stays as it is.
+replace what a page downloads: ``image`` (a PNG or JPEG of a texture) and ``channel`` (a channel of a point cloud). The
+last frame, ``end``, has the time until which the scene stays as it is.
 
 An update from revision 0 has the whole scene, as the first one does. Further ones follow the update that leads to the
 same revision, so that a page can start there.
@@ -29,7 +29,7 @@ from gateway.scene.page.live_page import LivePage
 from gateway.scene.tree.live import Snapshot
 from gateway.scene.tree.timeline import FileTooLargeError, Timeline, samples
 from renderers.drawlist import ImageError
-from renderers.encode import png_rgba
+from renderers.images import browser_file
 from renderers.light_rig import STUDIO, Rig
 
 _RECORD: Final = struct.Struct("<dII")
@@ -107,7 +107,7 @@ class PageRecorder:
         while (image := self._resources.image(self._image_count + 1)) is not None:
             self._image_count += 1
             try:
-                data = png_rgba(image.decode())
+                data = browser_file(image)[0]
             except ImageError:  # the page draws such a texture white, as it does when a download fails
                 continue
             self._add_data(time, data, partial(RecordedImage, id=self._image_count))

@@ -36,6 +36,11 @@ def png_rgba(image: NDArray[np.uint8]) -> bytes:
     return _png(_checked(image, 4, np.uint8), 8, _RGBA)
 
 
+def png_pixels(image: NDArray[np.uint8]) -> bytes:
+    """Return an 8 bit truecolour PNG of an (H, W, 3 | 4) uint8 image, RGB or RGBA."""
+    return png_rgb(image) if image.shape[2] == 3 else png_rgba(image)
+
+
 def png_gray8(image: NDArray[np.uint8]) -> bytes:
     """Return an 8 bit greyscale PNG of an (H, W) uint8 image."""
     return _png(_checked(image, 1, np.uint8), 8, _GRAY)

@@ -17,6 +17,7 @@ from dataclasses import dataclass, field
 from threading import Lock
 from typing import Final
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -57,15 +58,15 @@ def texels_of(image: Image) -> Texels:
     """Return the decoded image, from the cache if possible. Concurrent first calls may each decode it.
 
     Raises:
-        ImageError: the image cannot be decoded, or not to (H, W, 4) uint8. The message does not name the image.
+        ImageError: the image cannot be decoded, or not to (H, W, 3 | 4) uint8. The message does not name the image.
     """
     texels = cached_texels(image)
     if texels is not None:
         return texels
     pixels = image.decode()
-    if pixels.ndim != 3 or pixels.shape[2] != 4 or pixels.dtype != np.uint8 or 0 in pixels.shape:
-        raise ImageError(f"decoded to {pixels.shape} {pixels.dtype}, expected (H, W, 4) uint8")
-    opaque = bool(np.ascontiguousarray(pixels).view("<u4").min() >= _OPAQUE_BLACK)
+    if pixels.ndim != 3 or pixels.shape[2] not in (3, 4) or pixels.dtype != np.uint8 or 0 in pixels.shape:
+        raise ImageError(f"decoded to {pixels.shape} {pixels.dtype}, expected (H, W, 3 | 4) uint8")
+    opaque = pixels.shape[2] == 3 or bool(np.ascontiguousarray(pixels).view("<u4").min() >= _OPAQUE_BLACK)
     translucent = not opaque and bool(pixels[..., 3].any())
     size = pixels.shape[0], pixels.shape[1]
     rows = empty_rows(*size)
@@ -98,10 +99,14 @@ def empty_rows(height: int, width: int) -> NDArray[np.uint8]:
 
 
 def set_level(rows: NDArray[np.uint8], size: tuple[int, int], k: int, level: NDArray[np.uint8]) -> None:
-    """Store mip level ``k``, (H, W, 4) uint8, in the array of a texture; ``size``: height and width of level 0."""
+    """Store mip level ``k``, (H, W, 3 | 4) uint8, in the array of a texture; ``size``: height and width of level 0."""
     first_row, first_column = level_row(size[0], k), size[1] + 1 if k > 0 else 0
     part = rows[first_row : first_row + len(level), first_column : first_column + level.shape[1] + 1]
-    part[:, :-1], part[:, -1] = level, level[:, 0]
+    if level.shape[2] == 3:
+        cv2.cvtColor(level, cv2.COLOR_RGB2RGBA, dst=part[:, :-1])
+    else:
+        part[:, :-1] = level
+    part[:, -1] = part[:, 0]
 
 
 def cached_texels(image: Image) -> Texels | None:

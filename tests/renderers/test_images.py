@@ -1,3 +1,4 @@
+import contextlib
 import gc
 import io
 import struct
@@ -14,13 +15,14 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from renderers.drawlist import ImageError
+from renderers.drawlist import Image, ImageError
 from renderers.images import (
     MAX_PIXELS,
     MAX_PNG_CHUNKS,
     MAX_SCANNED_PIXELS,
     MAX_UNCHECKED_IDAT,
     ImageFile,
+    browser_file,
     decode_image,
     image_from_bytes,
     image_header,
@@ -153,6 +155,44 @@ def test_exif_orientation_is_ignored() -> None:
     exif = PIL.Image.Exif()
     exif[0x0112] = 6
     assert decode_image(encoded(RGBA[..., :3], "JPEG", exif=exif.tobytes())).shape == (5, 7, 4)
+
+
+@pytest.mark.parametrize("kind", ["PNG", "JPEG", "WebP"])
+def test_files_for_browsers_have_no_orientation_and_no_profile(kind: str) -> None:
+    exif = PIL.Image.Exif()
+    exif[0x0112] = 6
+    smooth = cv2.resize(RGBA[..., :3], (70, 50), interpolation=cv2.INTER_CUBIC)
+    data = encoded(smooth, kind, exif=exif.tobytes(), icc_profile=b"profile" * 9000)
+    image = image_from_bytes(data)
+    file, media_type = browser_file(image)
+    assert media_type == ("image/jpeg" if kind == "JPEG" else "image/png")
+    shown = PIL.Image.open(io.BytesIO(file))
+    assert not shown.getexif()
+    assert "icc_profile" not in shown.info
+    np.testing.assert_allclose(np.asarray(shown.convert("RGB"), int), image.decode()[..., :3], atol=2)
+    assert kind == "WebP" or len(file) < len(data)
+
+
+def test_files_for_browsers_of_cmyk_and_of_pixels_are_png() -> None:
+    cmyk = image_from_bytes(encoded(RGBA, "JPEG", "CMYK"))
+    for image in (cmyk, Image(b"drawn", lambda: RGBA)):
+        file, media_type = browser_file(image)
+        assert media_type == "image/png"
+        np.testing.assert_array_equal(decode_image(file)[..., :3], image.decode()[..., :3])
+
+
+@pytest.mark.parametrize("end", [2, 12, 200, 600, 700])
+@pytest.mark.parametrize("kind", ["PNG", "JPEG"])
+def test_cut_off_files_for_browsers_are_files_or_errors(kind: str, end: int) -> None:
+    data = encoded(RGBA[..., :3], kind)
+    with contextlib.suppress(ImageError):
+        file, _ = browser_file(image_from_bytes(data[:end]))
+        assert len(file) <= end
+
+
+def test_files_for_browsers_have_at_most_the_pixels_of_the_limit() -> None:
+    with pytest.raises(ImageError, match=r"7x5 pixels .* 34"):
+        browser_file(image_from_bytes(encoded(RGBA[..., :3], "JPEG"), max_pixels=34))
 
 
 @pytest.mark.parametrize("kind", ["PNG", "JPEG", "WebP"])

@@ -67,7 +67,7 @@ def check_image(data: bytes, max_pixels: int) -> CheckedImage:
     properties = _cached_properties.get(image)
     if properties is None:
         pixels = image.decode()
-        properties = pixels.shape[1], pixels.shape[0], bool((pixels[:, :, 3] < 255).any())
+        properties = pixels.shape[1], pixels.shape[0], pixels.shape[2] == 4 and bool((pixels[:, :, 3] < 255).any())
         _cached_properties.put(image, properties, _PROPERTIES_BYTES)
     return CheckedImage(image, *properties)
 

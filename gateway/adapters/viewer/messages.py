@@ -296,7 +296,7 @@ class RecordedImage(ViewMessage, tag="image"):
     id: int
     """Id of the image."""
     data: Bytes
-    """PNG."""
+    """PNG or JPEG file."""
 
 
 class RecordedChannel(ViewMessage, tag="channel"):

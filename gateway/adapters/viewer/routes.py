@@ -20,7 +20,7 @@ from gateway.adapters.viewer.resources import channel_values
 from gateway.runtime.http.access import same_origin
 from gateway.scene.tree.geometry import PointCloud
 from renderers.drawlist import ImageError
-from renderers.encode import png_rgba
+from renderers.images import browser_file
 
 ACKNOWLEDGE: Final = "k"
 """Message that the page sends after processing an update."""
@@ -64,10 +64,10 @@ def router(hub: ViewHub) -> APIRouter:
         if texture is None:
             return PlainTextResponse(f"nothing in the scene uses image {image_id} any more", 404)
         try:
-            data = await asyncio.to_thread(lambda: png_rgba(texture.decode()))
+            data, media_type = await asyncio.to_thread(browser_file, texture)
         except ImageError as error:
             return PlainTextResponse(f"image {image_id}: {error}", 415)
-        return Response(data, media_type="image/png", headers=REVALIDATE)
+        return Response(data, media_type=media_type, headers=REVALIDATE)
 
     @routes.get("/view/channel/{mesh_id}", include_in_schema=False)
     async def channel(mesh_id: int, name: str) -> Response:

@@ -24,7 +24,7 @@ from gateway.scene.tree.materials import mean_color
 from gateway.scene.tree.transforms import is_rotation, quaternions_of
 from renderers.color import srgb_colors_from_linear, srgb_from_linear
 from renderers.drawlist import AlphaMode, Image, ImageError, Light, Material, Mesh, Texture
-from renderers.encode import jpeg_rgb, png_rgb, png_rgba
+from renderers.encode import jpeg_rgb, png_pixels, png_rgb
 from scenegate.messages.geometry import Geometry, MeshGeometry, PointCloud, Solid, Transform
 from scenegate.robots import robot as client
 
@@ -123,13 +123,13 @@ def _texture_coordinates(mesh: Mesh, texture: Texture) -> NDArray[np.float32] | 
 
 
 def _encoded_file(pixels: NDArray[np.uint8], has_alpha: bool) -> bytes:
-    """Return a PNG or JPEG file of (H, W, 4) uint8 pixels."""
+    """Return a PNG or JPEG file of (H, W, 3 | 4) uint8 pixels."""
     longest = max(pixels.shape[:2])
     if longest > MAX_IMAGE_SIDE:
         size = [max(1, side * MAX_IMAGE_SIDE // longest) for side in (pixels.shape[1], pixels.shape[0])]
         pixels = np.asarray(cv2.resize(pixels, size, interpolation=cv2.INTER_AREA), np.uint8)
     if has_alpha:
-        return png_rgba(np.ascontiguousarray(pixels))
+        return png_pixels(np.ascontiguousarray(pixels))
     rgb = np.ascontiguousarray(pixels[..., :3])
     png = png_rgb(rgb)
     return png if len(png) <= MAX_PNG_BYTES else jpeg_rgb(rgb, quality=_JPEG_QUALITY)

@@ -24,7 +24,7 @@ import numpy as np
 from gateway.scene.tree.geometry import SHAPES, Part
 from gateway.scene.tree.transforms import IDENTITY
 from renderers.drawlist import AlphaMode, Image, LightKind, Material, Mesh, Sampler, Texture, Wrap
-from renderers.encode import png_rgba
+from renderers.encode import png_pixels
 from renderers.images import image_from_bytes
 from scenegate.messages.geometry import Solid, fields_of
 
@@ -96,7 +96,7 @@ class PartEncoder:
             file, max_pixels = getattr(value.decode, "data", None), getattr(value.decode, "max_pixels", None)
             if file is None or max_pixels is None:  # the image is not from a file: store its pixels
                 pixels = value.decode()
-                file, max_pixels = png_rgba(pixels), max(1, pixels.shape[0] * pixels.shape[1])
+                file, max_pixels = png_pixels(pixels), max(1, pixels.shape[0] * pixels.shape[1])
             return "image", max_pixels, _add_blob(blobs, file)
         raise TypeError(f"geometry with {getattr(value, 'dtype', value_type.__name__)} cannot be stored")
 

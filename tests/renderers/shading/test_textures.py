@@ -119,10 +119,21 @@ def test_equal_textures_share_a_struct() -> None:
     assert table.index_of(texture, True) == 2
 
 
-@pytest.mark.parametrize("pixels", [TEXELS[..., :3], TEXELS.astype(np.uint16), TEXELS[:0], TEXELS[0]])
+@pytest.mark.parametrize("pixels", [TEXELS[..., :2], TEXELS.astype(np.uint16), TEXELS[:0], TEXELS[0]])
 def test_rejects_texels_of_wrong_shape_or_dtype(pixels: np.ndarray) -> None:
-    with pytest.raises(ImageError, match=r"^decoded to .* expected \(H, W, 4\) uint8"):
+    with pytest.raises(ImageError, match=r"^decoded to .* expected \(H, W, 3 \| 4\) uint8"):
         texels_of(Image(b"x", lambda: pixels))
+
+
+@pytest.mark.parametrize("size", [(1, 1), (1, 5), (5, 1), (3, 4)])
+def test_rgb_images_are_opaque(size: tuple[int, int]) -> None:
+    pixels = np.random.default_rng(0).integers(0, 256, (*size, 3), np.uint8)
+    texels = texels_of(Image(b"rgb", lambda: pixels))
+    height, width = size
+    assert texels.opaque
+    assert not texels.translucent
+    np.testing.assert_array_equal(texels.rows[:height, :width], np.dstack((pixels, np.full(size, 255, np.uint8))))
+    np.testing.assert_array_equal(texels.rows[:height, width], texels.rows[:height, 0])
 
 
 def test_opaque_texels() -> None:

@@ -6,7 +6,7 @@ from typing import Any, Final
 
 from gateway.files.gltf.export.glb_document import GltfDocument
 from renderers.drawlist import AlphaMode, ImageError, Material, Sampler, Texture
-from renderers.encode import png_rgba
+from renderers.encode import png_pixels
 
 _NEAREST: Final = 9728
 _LINEAR: Final = 9729
@@ -84,7 +84,7 @@ class MaterialWriter:
         mime_type = _mime_type(bytes(data[:12])) if isinstance(data, bytes | memoryview) else None
         if mime_type is None:
             try:
-                data, mime_type = png_rgba(image.decode()), "image/png"
+                data, mime_type = png_pixels(image.decode()), "image/png"
             except ImageError:
                 return None
         assert data is not None

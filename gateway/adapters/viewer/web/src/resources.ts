@@ -12,6 +12,6 @@ export const imagePath = (id: number): string => `view/image/${id}`;
 export const channelPath = (mesh: number, name: string): string => `view/channel/${mesh}?name=${encodeURIComponent(name)}`;
 
 /** Keep the copy of a resource of a recording. */
-export function keepResource(path: string, type: string, data: Uint8Array<ArrayBuffer>): void {
-  recorded.set(path, URL.createObjectURL(new Blob([data], { type })));
+export function keepResource(path: string, data: Uint8Array<ArrayBuffer>): void {
+  recorded.set(path, URL.createObjectURL(new Blob([data])));
 }

@@ -55,7 +55,7 @@ it("reads steps, the whole scene at some of them, and resources", async () => {
     [7, 2, undefined],
   ]);
   expect(recording.end).toBe(9);
-  expect(addressOf(imagePath(3))).toBe("blob:image/png:5");
+  expect(addressOf(imagePath(3))).toBe("blob::5");
   expect(addressOf(channelPath(4, "a b"))).toBe("blob::4");
   expect(addressOf(imagePath(9))).toBe("view/image/9");
 });

@@ -57,8 +57,8 @@ function add(recording: Recording, time: number, message: Recorded): void {
     const whole = message.from === 0 ? message : null;
     if (last && last.update.revision === message.revision) last.whole = whole;
     else steps.push({ time, update: message, whole });
-  } else if (message.kind === "image") keepResource(imagePath(message.id), "image/png", message.data);
-  else if (message.kind === "channel") keepResource(channelPath(message.id, message.name), "", message.data);
+  } else if (message.kind === "image") keepResource(imagePath(message.id), message.data);
+  else if (message.kind === "channel") keepResource(channelPath(message.id, message.name), message.data);
   else if (message.kind !== "end") recording.messages.push(message);
 }
 
