@@ -16,7 +16,7 @@ from typing import Final, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from gateway.scene.draw.equal_rows import first_of_equal
+from gateway.scene.draw.equal_rows import first_of_equal, first_of_equal_pairs
 from renderers.compiler.device_function import inlined
 from renderers.compiler.jit import kernel, read_only
 from renderers.compiler.kernel_calls import is_set
@@ -263,7 +263,7 @@ def with_creases(
         return Mesh(smooth_positions, smooth_triangles, normals)
     # One output vertex for each pair of an input vertex, which has uv and colour, and a smooth vertex, with its normal.
     vertices, smooth_vertices = triangles.reshape(-1), smooth_triangles.reshape(-1)
-    corner_of_vertex, output_vertex = first_of_equal(np.stack((vertices, smooth_vertices), axis=-1))
+    corner_of_vertex, output_vertex = first_of_equal_pairs(vertices, smooth_vertices, len(positions))
     input_vertex = vertices[corner_of_vertex]
     return Mesh(
         positions.take(input_vertex, axis=0),

@@ -1,6 +1,6 @@
-"""Finds equal rows of integers, such as vertices at equal positions, with a hash table.
+"""Finds equal rows of integers, such as vertices at equal positions, without sorting.
 
-Of 600,000 positions it takes a tenth of ``np.unique``'s time, which sorts: 20 instead of 140 to 220 ms.
+Of 600,000 positions, 12 to 20 ms instead of 140 to 220 with ``np.unique``.
 """
 
 from __future__ import annotations
@@ -21,6 +21,8 @@ _MAX_COLUMNS: Final = 3
 _MULTIPLIERS: Final = read_only(np.array([secrets.randbits(64) | 1 for _ in range(_MAX_COLUMNS)], np.uint64))
 """One random odd factor per column, so that no file can be made whose rows have equal hashes."""
 _ROWS_PER_STOP_CHECK: Final = 1 << 14
+_MAX_COMPARED: Final = 256
+"""Maximum number of pairs with one key that a pair is compared with: no file takes quadratic time."""
 
 
 def first_of_equal(rows: NDArray[np.uint32]) -> tuple[NDArray[np.int64], NDArray[np.uint32]]:
@@ -33,6 +35,22 @@ def first_of_equal(rows: NDArray[np.uint32]) -> tuple[NDArray[np.int64], NDArray
     first, set_of_row = _first_of_equal(read_only(rows), _MULTIPLIERS, stop.address)
     stop.check()
     return first, set_of_row
+
+
+def first_of_equal_pairs(
+    keys: NDArray[np.uint32], values: NDArray[np.uint32], key_count: int
+) -> tuple[NDArray[np.int64], NDArray[np.uint32]]:
+    """Do what ``first_of_equal`` does for pairs of a key and a value, in a fifth of the time if a key has few values.
+
+    Of a key with more than 256 values, some equal pairs may be in sets of their own.
+
+    Args:
+        keys, values: (N,), C-contiguous, keys below ``key_count``.
+    """
+    stop = current_stop()
+    first, set_of_pair = _first_of_equal_pairs(read_only(keys), read_only(values), key_count, stop.address)
+    stop.check()
+    return first, set_of_pair
 
 
 @inlined
@@ -75,3 +93,27 @@ def _first_of_equal(
             sets[place] = set_count
         set_of_row[row] = sets[place] - 1
     return first[:set_count].copy(), set_of_row
+
+
+@kernel
+def _first_of_equal_pairs(
+    keys: ReadOnly1[np.uint32], values: ReadOnly1[np.uint32], key_count: I64, stop_at: Address
+) -> tuple[Array1[np.int64], Array1[np.uint32]]:
+    """Return what ``first_of_equal_pairs`` does; the result is incomplete if the StopFlag at ``stop_at`` is set."""
+    newest = np.zeros(key_count, np.uint32)  # of each key: index of its newest set + 1; 0: it has none
+    older = np.empty(len(keys), np.uint32)  # of each set: the same for the set of its key before it
+    first, set_of_pair, set_count = np.empty(len(keys), np.int64), np.empty(len(keys), np.uint32), 0
+    for pair in range(len(keys)):
+        if pair % _ROWS_PER_STOP_CHECK == 0 and is_set(stop_at):
+            break
+        key = keys[pair]
+        found, compared = newest[key], 0
+        while found != 0 and values[first[found - 1]] != values[pair]:
+            compared += 1
+            found = older[found - 1] if compared < _MAX_COMPARED else np.uint32(0)
+        if found == 0:
+            first[set_count], older[set_count] = pair, newest[key]
+            set_count += 1
+            found = newest[key] = np.uint32(set_count)
+        set_of_pair[pair] = found - 1
+    return first[:set_count].copy(), set_of_pair
