@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
-import math
 import re
 from array import array
 from collections import defaultdict
@@ -17,22 +15,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gateway.files.parsers.mesh_data import MeshData, MeshFaultError, MeshOptions, Shape, check_limits, shape_of
+from gateway.files.parsers.mtl import read_materials, set_material
 from gateway.files.parsers.ply import srgb_bytes
 from gateway.files.parsers.polygons import triangles_of_polygons
 from gateway.files.parsers.texture_files import ReadFile, TextureFiles
 
 _CORNER: Final = re.compile(rb"(-?\d{1,9})(?:/(-?\d{1,9})?)?(?:/(-?\d{1,9})?)?")
 """Corner of a face: vertex, texture coordinates and normal, counted from 1, or below 0 back from the face's line."""
-_BETWEEN_LIBRARIES: Final = re.compile(r"(?<=\.mtl)\s+", re.IGNORECASE)
-"""Blanks between the names of MTL files in a statement; a name may have blanks, too."""
-_TEXTURE_OPTION: Final = re.compile(r"-[a-zA-Z]+(?:\s+(?:on|off|[rgbmlz]|[-+.\deE]+))+\s+")
-"""Option before a texture's name in an MTL file, such as ``-clamp on`` and ``-s 1 1 1``."""
-_WITHOUT_EFFECT: Final = frozenset({"-blendu", "-blendv", "-bm", "-boost", "-texres"})
-"""Options of filters, and of other textures than colours."""
 _MAX_NAMED: Final = 5
 """Maximum number of names in a warning."""
-_Statements = dict[str, str]
-"""Statements of a material in an MTL file by keyword, in lower case."""
 
 
 @dataclass(slots=True, eq=False)
@@ -55,8 +46,10 @@ class _ObjFile:
 
     vertices: list[bytes] = field(default_factory=list)
     """Three coordinates of each vertex."""
-    colors: dict[int, list[bytes]] = field(default_factory=dict)
-    """Red, green and blue of vertices by their index."""
+    colored: array[int] = field(default_factory=lambda: array("q"))
+    """Indices of the vertices with a colour."""
+    colors: list[bytes] = field(default_factory=list)
+    """Red, green and blue of each of these."""
     uv: list[bytes] = field(default_factory=list)
     """Two coordinates each."""
     normals: list[bytes] = field(default_factory=list)
@@ -68,6 +61,13 @@ class _ObjFile:
     broken: list[int] = field(default_factory=list)
     """Lines of faces that cannot be drawn."""
     face_count: int = 0
+
+    def add_colored_vertices(self, words: list[bytes]) -> None:
+        """Add vertices of six numbers each: coordinates, red, green and blue."""
+        numbers, count = np.array(words, object).reshape(-1, 6), len(self.vertices) // 3
+        self.colored.extend(range(count, count + len(numbers)))
+        self.vertices += numbers[:, :3].ravel().tolist()
+        self.colors += numbers[:, 3:].ravel().tolist()
 
     def add_faces(self, material: str, corners: list[bytes], sizes: Iterable[int], lines: Iterable[int]) -> None:
         """Add faces of ``sizes`` corners each, on ``lines``."""
@@ -93,7 +93,7 @@ def read_obj(data: bytes, read_file: ReadFile, textures: TextureFiles, options: 
             raise MeshFaultError(f"it has no group {options.submesh[:60]!r} with faces")
         shapes = [shape_of(vertices, None, content.warnings, colors=colors) if len(vertices) else None]
     else:
-        materials, folders = _read_materials(file.libraries, read_file)
+        materials, folders = read_materials(file.libraries, read_file)
         if materials and (undefined := {*file.faces} - {"", *materials}):
             names = ", ".join(sorted(repr(name[:60]) for name in undefined)[:_MAX_NAMED])
             start = f"materials of usemtl that no MTL file defines ({len(undefined)})"
@@ -108,7 +108,7 @@ def read_obj(data: bytes, read_file: ReadFile, textures: TextureFiles, options: 
         for name, faces in file.faces.items():
             shape = _shape_of(file, faces, vertices, colors, uv, normals, content.warnings)
             if shape is not None and name in materials:
-                _set_material(shape, materials[name], folders, textures, content.warnings)
+                set_material(shape, materials[name], folders, textures, content.warnings)
             shapes.append(shape)
         if file.broken:
             line = min(file.broken)
@@ -159,12 +159,15 @@ class _StatementReader:
         keywords = words[::size]
         rows = {(b"v", 4): self.file.vertices, (b"vt", 3): self.file.uv, (b"vn", 4): self.file.normals}
         numbers = rows.get((keywords[0], size))
-        is_of_faces = keywords[0] == b"f" and size >= 4 and self._is_shown and b"-" not in text
-        if keywords.count(keywords[0]) != len(lines) or not (is_of_faces or numbers is not None):
+        has_colors = keywords[0] == b"v" and size == 7
+        has_faces = keywords[0] == b"f" and size >= 4 and self._is_shown and b"-" not in text
+        if keywords.count(keywords[0]) != len(lines) or not (has_faces or has_colors or numbers is not None):
             return False
         del words[::size]
         if numbers is not None:
             numbers += words
+        elif has_colors:
+            self.file.add_colored_vertices(words)
         else:
             self.file.add_faces(self._material, words, [size - 1] * len(lines), range(number, number + len(lines)))
         return True
@@ -183,8 +186,9 @@ class _StatementReader:
             words = words[: next((k for k, word in enumerate(words) if word.startswith(b"#")), len(words))]
         if keyword == b"v" and len(words) >= 3:
             if len(words) >= 6:
-                file.colors[len(file.vertices) // 3] = words[3:6]
-            file.vertices += words[:3]
+                file.add_colored_vertices(words[:6])
+            else:
+                file.vertices += words[:3]
         elif keyword == b"vt" and words:
             file.uv += (*words, b"0")[:2]
         elif keyword == b"vn" and len(words) == 3:
@@ -227,7 +231,7 @@ def _colors_of(file: _ObjFile, count: int) -> NDArray[np.uint8] | None:
     if not file.colors:
         return None
     colors = np.full((count, 4), 255, np.uint8)
-    colors[list(file.colors), :3] = srgb_bytes(_numbers([each for rgb in file.colors.values() for each in rgb], 3))
+    colors[np.array(file.colored), :3] = srgb_bytes(_numbers(file.colors, 3))
     return colors
 
 
@@ -265,92 +269,3 @@ def _shape_of(
         uv=np.where(used[:, 1:2] >= 0, uv[used[:, 1]], 0.0) if has_uv else None,
         colors=None if colors is None else colors[used[:, 0]],
     )
-
-
-def _read_materials(libraries: list[str], read_file: ReadFile) -> tuple[dict[str, _Statements], list[str]]:
-    """Return the statements of each material in the MTL files, and the folders of these files."""
-    materials: dict[str, _Statements] = {}
-    folders: list[str] = []
-    for name in dict.fromkeys(name for line in libraries for name in _BETWEEN_LIBRARIES.split(line)):
-        try:
-            text = read_file(name).decode("utf-8", "replace").removeprefix("\ufeff")
-        except OSError:
-            continue
-        folders.append(name[: max(name.rfind("/"), name.rfind("\\")) + 1])
-        material: _Statements = {}
-        for line in text.splitlines():
-            keyword, _, value = line.replace("\t", " ").strip().partition(" ")
-            keyword = keyword.lower()
-            if not keyword.startswith("map"):
-                value = value.partition(" #")[0]
-            if keyword == "newmtl":
-                material = materials[value.strip()] = {}
-            else:
-                material[keyword] = value.strip()
-    return materials, folders
-
-
-def _set_material(
-    shape: Shape, material: _Statements, folders: list[str], textures: TextureFiles, warnings: list[str]
-) -> None:
-    """Set the colours and the texture of a shape, whose texture coordinates are kept without a texture, too."""
-    map_kd = material.get("map_kd", "")
-    image = textures.index(_texture_name(map_kd), folders) if map_kd else None
-    color = _color(material, "kd") or (1.0, 1.0, 1.0)
-    if image is not None and shape.uv is not None:
-        shape.image, shape.colors = image, None
-        _place_texture(shape, map_kd, warnings)
-        if not any(color):  # a black one would hide the texture
-            color = (1.0, 1.0, 1.0)
-    map_d = _texture_name(material.get("map_d", ""))
-    if map_d and (shape.image is None or map_d != _texture_name(map_kd)):  # the alpha of map_Kd is drawn
-        warnings.append(f"map_d {map_d[:60]!r} is ignored, as only the alpha of map_Kd is read")
-    shape.color = (*color, _opacity(material))
-    shape.emission = _color(material, "ke") or (0.0, 0.0, 0.0)
-
-
-def _color(material: _Statements, keyword: str) -> tuple[float, float, float] | None:
-    """Return an sRGB colour within 0 .. 1, of which one number is a grey; None without."""
-    with contextlib.suppress(ValueError):
-        match [min(max(0.0, float(word)), 1.0) for word in material.get(keyword, "").split()]:  # NaN: 0
-            case [red, green, blue, *_]:
-                return red, green, blue
-            case [grey]:
-                return grey, grey, grey
-    return None
-
-
-def _opacity(material: _Statements) -> float:
-    """Return the opacity of a material: its ``d``, or 1 - ``Tr``. The default is 1."""
-    for keyword in ("d", "tr"):
-        with contextlib.suppress(ValueError):
-            value = float(material.get(keyword, "").rpartition(" ")[2])
-            if math.isfinite(value):
-                return value if keyword == "d" else 1.0 - value
-    return 1.0
-
-
-def _texture_name(statement: str) -> str:
-    """Return the file name in a statement of an MTL file, without the options before it."""
-    name = _TEXTURE_OPTION.sub("", statement) if statement.startswith("-") else statement
-    return name[1:-1] if name[:1] == name[-1:] == '"' else name
-
-
-def _place_texture(shape: Shape, statement: str, warnings: list[str]) -> None:
-    """Scale texture coordinates by ``-s`` and move them by ``-o``; others that matter are a warning."""
-    assert shape.uv is not None
-    scale, offset = np.ones(2, np.float32), np.zeros(2, np.float32)
-    ignored: list[str] = []
-    for option in _TEXTURE_OPTION.findall(statement) if statement.startswith("-") else ():
-        name, *values = option.split()
-        if name in ("-s", "-o"):
-            with contextlib.suppress(ValueError):
-                numbers = np.array(values[:2], np.float32)
-                (scale if name == "-s" else offset)[: len(numbers)] = numbers
-        elif name not in _WITHOUT_EFFECT and values != ["off"]:
-            ignored.append(option.strip())
-    uv = np.frombuffer(shape.uv, np.float32).reshape(-1, 2) * (1, -1) + (0, 1)  # (0, 0) is bottom left here
-    uv = uv * scale + offset
-    shape.uv = (uv * (1, -1) + (0, 1)).astype(np.float32).tobytes()
-    if ignored != ["-clamp on"] or uv.min() < 0.0 or uv.max() > 1.0:
-        warnings += [f"the option {option!r} of map_Kd is ignored" for option in ignored]

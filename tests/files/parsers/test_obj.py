@@ -9,7 +9,17 @@ from gateway.files.parsers.mesh import read_mesh
 
 OPTIONS = dict.fromkeys(("max_vertices", "max_elements", "max_instances", "max_drawn_elements"), 1000)
 LINES = (
-    *("v 0 0 0", "v 1 0 0 1", "v 1 1 0 1 0 0.5", "v  0 1\t0", "vt 0 1", "vt 0.5", "vn 0 0 1", "vn 1 0"),
+    *(
+        "v 0 0 0",
+        "v 1 0 0 1",
+        "v 1 1 0 1 0 0.5",
+        "v  0 1\t0",
+        "v 1 0 0 1 0 0",
+        "vt 0 1",
+        "vt 0.5",
+        "vn 0 0 1",
+        "vn 1 0",
+    ),
     *("f 1 2 3", "f 1/1 2/2 3/1", "f 1//1 2//1 3//1", "f 1 2 3 4", "f -1 -2 -3", "f 1 2", "f 1 2 9", "f 1 x 3"),
     *("usemtl red", "g one", "g two", "", "v 0 0 \\\n 2", "s 1", "l 1 2"),
 )
