@@ -66,7 +66,7 @@ class RecordingOptions:
     keep: int = 0
     """Number of files that are kept; 0: all."""
     seconds: float = 0.0
-    """Duration from the first message of the last source; 0: no limit."""
+    """Duration, once each source has sent something and that is written; 0: no limit."""
 
 
 class SceneWriter:
@@ -162,10 +162,11 @@ def record(
     limits = {"max_bytes": options.max_bytes, "keep": options.keep}
     with errors_name(options.path), closing(McapFiles(options.path, profile.mcap_profile, **limits)) as files:
         writer = SceneWriter(files, profile)
-        now = time.monotonic()
-        flush_time, end = now + FLUSH_SECONDS, now + (options.seconds or math.inf)
-        for item in chain(begun, values):
+        flush_time, end = time.monotonic() + FLUSH_SECONDS, math.inf
+        for number, item in enumerate(chain(begun, values)):
             now = time.monotonic()
+            if number == len(begun):  # to write the whole scene takes seconds if it is large
+                end = now + (options.seconds or math.inf)
             if item is not None:
                 is_depth = item.source == "depth"
                 if is_depth and isinstance(item.value, pb.ImageSet) and not options.depth:
