@@ -50,9 +50,14 @@ def example(value: Any, name: str = "example") -> dict[str, Any]:
     return {name: {"value": value}}
 
 
-def json_example(value: Any, description: str = "Success.") -> Responses:
-    """Return the description of a 200 response with JSON."""
-    return {200: {"description": description, "content": {"application/json": {"example": value}}}}
+def json_example(
+    value: Any, description: str = "Success.", other_content: Mapping[str, Any] | None = None
+) -> Responses:
+    """Return the description of a 200 response with JSON, an object or objects as the example, or of other content."""
+    one: dict[str, Any] = {"type": "object"}
+    schema = {"type": "array", "items": one} if isinstance(value, list) else one
+    content = {"application/json": {"schema": schema, "example": value}, **(other_content or {})}
+    return {200: {"description": description, "content": content}}
 
 
 def error_responses(descriptions: Mapping[int, str]) -> Responses:
@@ -62,7 +67,9 @@ def error_responses(descriptions: Mapping[int, str]) -> Responses:
 
 def file_response(description: str, *media_types: str) -> Responses:
     """Return the description of a 200 response with a file of one of these types."""
-    return {200: {"description": description, "content": {each: {"schema": BINARY} for each in media_types}}}
+    # Generated clients decode text/*, and could not write what they have decoded as binary.
+    content = {each: {"schema": {"type": "string"} if each.startswith("text/") else BINARY} for each in media_types}
+    return {200: {"description": description, "content": content}}
 
 
 def describe(app: FastAPI, *, token: bool, open_paths: Collection[str]) -> None:

@@ -44,6 +44,19 @@ def test_every_route_has_examples(schema: dict[str, Any]) -> None:
     assert lacks == []
 
 
+def test_responses_are_described_as_generated_clients_need_it(schema: dict[str, Any]) -> None:
+    """They drop JSON without a schema, and fail to write text as binary."""
+    wrong = []
+    for name, operation in operations(schema):
+        for kind, content in operation["responses"]["200"].get("content", {}).items():
+            described = content.get("schema", {})
+            if kind == "application/json" and described.get("items", described).get("type") != "object":
+                wrong.append(f"{name} {described}")
+            if kind.startswith("text/") and described.get("format") == "binary":
+                wrong.append(f"{name} {kind}")
+    assert wrong == []
+
+
 def test_every_body_is_described_and_names_are_enumerated(schema: dict[str, Any]) -> None:
     found = dict(operations(schema))
     for name in ("/stereo/faults", "/api/v1/nodes/{node}/parameters", "/api/v1/nodes/{node}/services/{name}"):

@@ -15,7 +15,7 @@ from gateway.adapters.stereo.routes.rest_common import error_response, error_res
 from gateway.adapters.stereo.routes.setting_routes import UILock, add_setting_routes
 from gateway.adapters.stereo.service import StereoService
 from gateway.runtime.http.error_handlers import redirect
-from gateway.runtime.http.openapi import example, json_example
+from gateway.runtime.http.openapi import TEXT, example, json_example
 from gateway.runtime.logs.recent_logs import MAX_ENTRIES, LogEntry, stereo_log
 
 LOG_FILE: Final = "stereo.log"
@@ -104,12 +104,7 @@ def _add_common_routes(routes: APIRouter, base: str, services: Sequence[StereoSe
         f"{base}/logs/{{log}}",
         summary="A log file",
         responses=error_responses({404: "There is no log of that name."})
-        | {
-            200: {
-                "description": "Log, or its text.",
-                "content": {"application/json": {"example": {**_LOG_INFO, "log": [_LOG_LINE]}}, "text/plain": {}},
-            },
-        },
+        | json_example({**_LOG_INFO, "log": [_LOG_LINE]}, "Log, or its text.", TEXT),
     )
     async def log(
         log: Annotated[
