@@ -9,18 +9,21 @@ from importlib import import_module
 from typing import Any, Final
 
 import numpy as np
+from foxglove_schemas_protobuf.LinePrimitive_pb2 import LinePrimitive
+from foxglove_schemas_protobuf.TriangleListPrimitive_pb2 import TriangleListPrimitive
 from mcap_protobuf.schema import build_file_descriptor_set
+from numpy.typing import NDArray
 
 from scenegate.recording import message_fields
 from scenegate.recording.mcap_file import EncodedMessage, Schema
-from scenegate.recording.message_fields import DISTORTION_MODEL, IDENTITY, Fields, Message, quaternion, vector
+from scenegate.recording.message_fields import DISTORTION_MODEL, IDENTITY, Fields, Message, color, quaternion, vector
 from scenegate.recording.topics import CLOUD_TOPIC, DISPARITY_TOPIC, IMAGE_TOPICS, SCENE_TOPIC, TF_TOPIC
-from scenegate.recording.values import Calibration, CameraImage, Cloud, Disparity, Entity, FrameTransform
+from scenegate.recording.values import Calibration, CameraImage, Cloud, Disparity, Entity, FrameTransform, Primitive
 
 _DELETE_ONE, _DELETE_ALL = 0, 1  # foxglove.SceneEntityDeletion.Type
 _UINT8, _FLOAT32 = 1, 7  # foxglove.PackedElementField.NumericType
 _LINE_LIST: Final = 2  # foxglove.LinePrimitive.Type
-_LINE_STYLE: Final = {"type": _LINE_LIST, "thickness": 1.0, "scale_invariant": True}
+_LINE_STYLE: Final[Fields] = {"type": _LINE_LIST, "thickness": 1.0, "scale_invariant": True}
 """Separate lines, a pixel wide."""
 
 
@@ -77,11 +80,10 @@ def entities(values: Iterable[Entity], time_ns: int) -> Message:
             continue
         triangles, lines = [], []
         for primitive in entity.primitives:
-            fields = {"pose": IDENTITY, **message_fields.points(primitive)}
             if primitive.is_lines:
-                lines.append(_LINE_STYLE | fields)
+                lines.append(_primitive(LinePrimitive, primitive, _LINE_STYLE))
             else:
-                triangles.append(fields)
+                triangles.append(_primitive(TriangleListPrimitive, primitive, {}))
         added.append(
             {
                 "timestamp": stamp,
@@ -93,6 +95,28 @@ def entities(values: Iterable[Entity], time_ns: int) -> Message:
             }
         )
     return Message("SceneUpdate", {"entities": added, "deletions": deleted})
+
+
+def _primitive(message_class: Any, value: Primitive, fields: Fields) -> Any:
+    """Return the message of a primitive."""
+    message = message_class(pose=IDENTITY, color=color(value.color), **fields)
+    for name, rows in (("points", value.points), ("colors", value.colors)):
+        if rows is not None:
+            message.MergeFromString(_repeated(message.DESCRIPTOR.fields_by_name[name].number, rows))
+    return message
+
+
+def _repeated(number: int, rows: NDArray[Any]) -> bytes:
+    """Return a repeated field in protobuf's wire format: messages whose fields 1, 2, … are these float64 numbers.
+
+    Messages made one by one of dicts take six times as long, 0.5 s for 300,000 points.
+    """
+    columns = rows.shape[1]
+    records = np.zeros(len(rows), [("head", "u1", 2), ("fields", [("tag", "u1"), ("value", "<f8")], columns)])
+    records["head"] = number << 3 | 2, 9 * columns  # wire type 2, and the length
+    records["fields"]["tag"] = [field << 3 | 1 for field in range(1, columns + 1)]
+    records["fields"]["value"] = rows
+    return records.tobytes()
 
 
 def deletion_of_all(time_ns: int) -> Message:

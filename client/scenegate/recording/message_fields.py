@@ -6,7 +6,7 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from scenegate.recording.values import CameraImage, Cloud, Primitive
+from scenegate.recording.values import CameraImage, Cloud
 
 Fields = dict[str, Any]
 NO_TRANSLATION: Final[Fields] = {"x": 0.0, "y": 0.0, "z": 0.0}
@@ -38,15 +38,6 @@ def color(numbers: Sequence[float]) -> Fields:
     """Return red, green, blue and alpha, 0 to 1."""
     red, green, blue, alpha = numbers
     return {"r": red, "g": green, "b": blue, "a": alpha}
-
-
-def points(primitive: Primitive) -> Fields:
-    """Return the points of a primitive, its colour, and the colours of its points."""
-    return {
-        "points": [{"x": x, "y": y, "z": z} for x, y, z in primitive.points.tolist()],
-        "color": color(primitive.color),
-        "colors": [] if primitive.colors is None else list(map(color, primitive.colors.tolist())),
-    }
 
 
 def image(value: CameraImage) -> Fields:

@@ -4,6 +4,7 @@
 """
 
 import re
+import struct
 from collections.abc import Callable, Iterable, Mapping
 from functools import cache
 from importlib.resources import files
@@ -11,6 +12,7 @@ from typing import Final
 
 import numpy as np
 from mcap_ros2.writer import serialize_dynamic
+from numpy.typing import NDArray
 
 from scenegate.recording import message_fields
 from scenegate.recording.mcap_file import EncodedMessage, Schema
@@ -37,11 +39,18 @@ LINE_METRES: Final = 0.003
 _ADD, _DELETE = 0, 2
 _LINE_LIST, _TRIANGLE_LIST = 5, 11
 _FLOAT32: Final = 7
+_MARKERS: Final = "visualization_msgs/msg/MarkerArray"
+_HEAD, _SHIFTED_HEAD, _TAIL = (f"visualization_msgs/msg/Marker{part}" for part in ("Head", "ShiftedHead", "Tail"))
+"""The fields of a marker before its points, those behind 4 bytes, and the fields behind its colours."""
+_CDR_HEADER: Final = b"\x00\x01\x00\x00"
+"""Little-endian. Fields are aligned from its end on."""
 
 
 def encode(topic: str, message: Message) -> EncodedMessage:
     """Return an encoded message."""
     schema, encode_fields = _schema_and_encoder(message.type)
+    if message.type == _MARKERS:
+        encode_fields = _encode_markers
     return EncodedMessage(topic, schema, encode_fields(message.fields))
 
 
@@ -67,7 +76,7 @@ def entities(values: Iterable[Entity], time_ns: int) -> Message:
             {"header": header(entity.frame, time_ns), "ns": entity.frame, "id": index, "action": _DELETE}
             for index in range(len(entity.primitives), entity.earlier_primitive_count)
         ]
-    return Message("visualization_msgs/msg/MarkerArray", {"markers": markers})
+    return Message(_MARKERS, {"markers": markers})
 
 
 def image(value: CameraImage, time_ns: int) -> Message:
@@ -160,9 +169,40 @@ def _marker(frame: str, index: int, primitive: Primitive, time_ns: int) -> Field
         "action": _ADD,
         "pose": IDENTITY,
         "scale": vector((size, size, size)),
+        "color": message_fields.color(primitive.color),
         "frame_locked": True,
-        **message_fields.points(primitive),
+        "points": primitive.points,
+        "colors": primitive.colors,
     }
+
+
+def _encode_markers(fields: Fields) -> bytes:
+    """Return ``visualization_msgs/MarkerArray`` as CDR, with arrays as ``points`` and ``colors``.
+
+    The library encodes what has no array. It takes 4 µs for a point, 1.2 s for 300,000.
+    """
+    data = bytearray(_CDR_HEADER + struct.pack("<I", len(fields["markers"])))
+
+    def align(size: int) -> None:
+        data.extend(bytes((len(_CDR_HEADER) - len(data)) % size))
+
+    def extend(rows: NDArray[np.float32] | None, numbers: str, size: int) -> None:
+        count = 0 if rows is None else len(rows)
+        data.extend(struct.pack("<I", count))
+        if rows is not None and count:
+            align(size)
+            data.extend(rows.astype(numbers).tobytes())
+
+    for marker in fields["markers"]:
+        align(4)
+        shift = (len(data) - len(_CDR_HEADER)) % 8  # 0 or 4; float64 is aligned to 8
+        head = _schema_and_encoder(_SHIFTED_HEAD if shift else _HEAD)[1](marker)
+        data += head[len(_CDR_HEADER) + shift :]
+        align(4)
+        extend(marker.get("points"), "<f8", 8)
+        extend(marker.get("colors"), "<f4", 4)
+        data += _schema_and_encoder(_TAIL)[1]({})[len(_CDR_HEADER) :]
+    return bytes(data)
 
 
 @cache
@@ -194,4 +234,7 @@ def _definitions() -> dict[str, str]:
     """Return the fields of each message type, one a line."""
     text = (files("scenegate.recording") / "ros2_definitions.txt").read_text("utf-8")
     sections = (section.split("\n", 1) for section in text.split("MSG: ")[1:])
-    return {name.strip(): fields.strip() + "\n" for name, fields in sections}
+    definitions = {name.strip(): fields.strip() + "\n" for name, fields in sections}
+    head, _, rest = definitions["visualization_msgs/Marker"].partition("geometry_msgs/Point[] points\n")
+    parts = {_HEAD: head, _SHIFTED_HEAD: f"uint32 shift\n{head}", _TAIL: rest.split("\n", 1)[1]}
+    return definitions | {name.replace("/msg/", "/"): fields for name, fields in parts.items()}
