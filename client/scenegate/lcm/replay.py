@@ -3,11 +3,11 @@
 import asyncio
 import re
 import time
-from collections.abc import AsyncIterator, Callable
+from collections.abc import AsyncIterator, Callable, Mapping
 from contextlib import ExitStack, asynccontextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import BinaryIO, Final
+from typing import Any, BinaryIO, Final
 
 from scenegate.lcm.event_log import Section, pack_event, section_events
 from scenegate.lcm.network import open_transport, resolve_url
@@ -40,6 +40,8 @@ class LogProgress:
     """Bytes of data in the events."""
     position: int = 0
     """Bytes of the log file that were read, in its current repetition."""
+    lost: str = ""
+    """What a recording has lost, if anything."""
 
 
 async def record(
@@ -77,12 +79,19 @@ async def record(
 
     # The file is opened after the connection, without which an earlier log stays, and closed after it has ended.
     with errors_name(path), ExitStack() as open_file:
-        async with _open_connected(url, on_message):
+        async with _open_connected(url, on_message) as transport:
             file = open_file.enter_context(path.open("wb"))
             on_ready()
             await stop.wait()
+            progress.lost = _lost(transport.status())
         if write_error is not None:
             raise write_error
+
+
+def _lost(status: Mapping[str, Any]) -> str:
+    """Return what a transport has lost, by its counters, in words."""
+    names = {"lost_datagrams": "datagrams", "incomplete": "messages with lost datagrams", "dropped": "waiting messages"}
+    return ", ".join(f"{status[counter]} {name}" for counter, name in names.items() if status.get(counter))
 
 
 @dataclass(frozen=True, slots=True)

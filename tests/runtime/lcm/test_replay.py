@@ -6,6 +6,7 @@ import struct
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 from pathlib import Path
+from typing import Any
 
 import pytest
 from hypothesis import given, settings
@@ -20,7 +21,7 @@ from scenegate.lcm import event_log, replay
 from scenegate.lcm.event_log import MAX_DATA_BYTES, SYNC, Event, EventLogError, pack_event, read_events
 from scenegate.lcm.network import open_transport
 from scenegate.lcm.tcpq import HUB_HELLO, publish_header
-from scenegate.lcm.transport import TransportLimits
+from scenegate.lcm.transport import Transport, TransportLimits
 from tests.adapters.treeviewer.conversation import BOX, message
 from tests.adapters.treeviewer.transports import HubClient, free_url, join, lossless, serving
 from tests.support.liblcm import liblcm
@@ -193,6 +194,29 @@ async def test_a_full_disk_ends_a_recording() -> None:
             await recording
         assert caught.value.filename == "/dev/full"
         await sender.close()
+
+
+@pytest.mark.parametrize(
+    ("counters", "lost"),
+    [
+        ({}, ""),
+        ({"lost_datagrams": 0, "incomplete": 0, "dropped": 0}, ""),
+        ({"lost_datagrams": 7, "incomplete": 2, "dropped": 0}, "7 datagrams, 2 messages with lost datagrams"),
+        ({"dropped": 3}, "3 waiting messages"),
+    ],
+)
+async def test_a_recording_says_what_it_has_lost(
+    counters: dict[str, int], lost: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def open_counting(*arguments: Any) -> Transport:
+        transport = open_transport(*arguments)
+        monkeypatch.setattr(transport, "status", lambda: counters)
+        return transport
+
+    monkeypatch.setattr(replay, "open_transport", open_counting)
+    async with hub() as (_, url), recording(tmp_path / "out.lcmlog", url) as progress:
+        assert progress.lost == ""
+    assert progress.lost == lost
 
 
 async def test_a_message_that_is_written_in_part_ends_a_recording(tmp_path: Path) -> None:
