@@ -6,11 +6,13 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
+from gateway.files.robots.cube_maps import cube_mapped
 from gateway.files.robots.mjcf_materials import MjcfMaterials
 from gateway.scene.draw.equal_rows import first_of_equal
 from gateway.scene.draw.image_meshes import heightmap_mesh, rectangle
 from gateway.scene.tree.geometry import Part, Shape, Surface
 from gateway.scene.tree.transforms import from_pose
+from renderers import primitives
 from renderers.drawlist import Mesh
 from scenegate.messages.geometry import Box, Capsule, Cylinder, Ellipsoid, Sphere
 from scenegate.robots.robot import GeometryUse
@@ -21,18 +23,6 @@ COLLISION_GROUP: Final = 3
 """First group of collision geometry, by convention: MuJoCo's viewer hides this group and higher ones."""
 INFINITE_PLANE_HALF_SIDE: Final = 10.0
 """Half the side length with which infinite planes are drawn, metres."""
-_CUBE_MAP_FACES: Final = np.array(
-    [
-        [(1, 0, 0), (0, 0, -1), (0, -1, 0)],
-        [(-1, 0, 0), (0, 0, 1), (0, -1, 0)],
-        [(0, 1, 0), (1, 0, 0), (0, 0, 1)],
-        [(0, -1, 0), (1, 0, 0), (0, 0, -1)],
-        [(0, 0, 1), (1, 0, 0), (0, -1, 0)],
-        [(0, 0, -1), (-1, 0, 0), (0, -1, 0)],
-    ]
-)
-"""Normal, direction of an image's rows and of its columns, for each face of a cube map, as in OpenGL."""
-
 _BOX_FACES: Final = np.array(
     [
         [(1, 0, 0), (0, 1, 0), (0, 0, -1)],
@@ -43,7 +33,8 @@ _BOX_FACES: Final = np.array(
         [(0, 0, -1), (1, 0, 0), (0, -1, 0)],
     ]
 )
-"""The same for an image on a box, as MuJoCo draws it: mirrored on three faces."""
+"""Normal, direction of an image's rows and of its columns, for each face of a box, as MuJoCo draws them: mirrored on
+three."""
 
 
 class MjcfGeometry:
@@ -107,6 +98,8 @@ class MjcfGeometry:
         """Return the shape of a geometry (None: its type is not supported), and True if it has texture coordinates."""
         kind, size = self._kinds(int(self._model.geom_type[index])), self._model.geom_size[index].tolist()
         kinds = self._kinds
+        if use == "visual" and (mapped := self._cube_mapped(index, kind)) is not None:
+            return Surface(mapped), True
         if kind == kinds.mjGEOM_SPHERE:
             return Sphere(size[0]), False
         if kind == kinds.mjGEOM_CAPSULE:
@@ -114,9 +107,6 @@ class MjcfGeometry:
         if kind == kinds.mjGEOM_CYLINDER:
             return Cylinder(size[0], 2.0 * size[1]), False
         if kind == kinds.mjGEOM_BOX:
-            texels = self._materials.cube_map_texels(index)
-            if use == "visual" and texels:
-                return Surface(_cube_mapped_box(size, texels, self._materials.cube_map_images(index))), True
             if use == "visual" and self._materials.has_image(index):
                 box = _box_mesh(size, _BOX_FACES)
                 return Surface(_scaled_uv(box, self._materials.texture_repeats(index))), True
@@ -124,13 +114,13 @@ class MjcfGeometry:
         if kind == kinds.mjGEOM_ELLIPSOID:
             return Ellipsoid((size[0], size[1], size[2])), False
         if kind == kinds.mjGEOM_PLANE:
-            return Surface(self._plane(index, size)), True
+            return Surface(self._plane(index, size)), self._materials.has_image(index)
         if kind == kinds.mjGEOM_HFIELD:
             field = self._height_field(index, size)
-            return None if field is None else Surface(field), True
+            return None if field is None else Surface(field), self._materials.has_image(index)
         if kind in (kinds.mjGEOM_MESH, kinds.mjGEOM_SDF) and self._model.geom_dataid[index] >= 0:
             mesh = self._mesh(int(self._model.geom_dataid[index]))
-            if mesh.uv0 is None:
+            if mesh.uv0 is None or not self._materials.has_image(index):
                 return Surface(mesh), False
             return Surface(self._with_repeats(index, mesh, self._materials.texture_repeats(index))), True
         return None, False
@@ -155,9 +145,45 @@ class MjcfGeometry:
             return mesh
         key = id(mesh), repeats.tobytes()
         if key not in self._repeated:
-            self._repeated_vertices += len(mesh.positions)
-            check_count(self._repeated_vertices, self._max_vertices, "vertices of meshes with repeated textures")
+            self._count_vertices(len(mesh.positions))
             self._repeated[key] = _scaled_uv(mesh, repeats, offset), mesh
+        return self._repeated[key][0]
+
+    def _count_vertices(self, count: int) -> None:
+        """Count the vertices of a mesh that is made for a texture. Raises RobotFileError for too many."""
+        self._repeated_vertices += count
+        check_count(self._repeated_vertices, self._max_vertices, "vertices of meshes made for textures")
+
+    def _cube_mapped(self, index: int, kind: Any) -> Mesh | None:
+        """Return the mesh of a geometry that shows a cube map, the same one for the same arguments; None for others.
+
+        MuJoCo looks up the map by the position in a mesh, or in a shape of half lengths of 1, which ``texuniform``
+        multiplies by the half lengths. Raises RobotFileError for too many vertices.
+        """
+        cube_map = self._materials.cube_map(index)
+        if cube_map is None:
+            return None
+        kinds, model, data = self._kinds, self._model, int(self._model.geom_dataid[index])
+        half_lengths = np.asarray(model.geom_size[index], np.float64)
+        scale = np.ones(3)
+        if kind in (kinds.mjGEOM_MESH, kinds.mjGEOM_SDF) and data >= 0:
+            unit = self._mesh(data)
+        elif kind in (kinds.mjGEOM_SPHERE, kinds.mjGEOM_ELLIPSOID):
+            scale = half_lengths = half_lengths[[0, 0, 0]] if kind == kinds.mjGEOM_SPHERE else half_lengths
+            unit = primitives.sphere()
+        elif kind == kinds.mjGEOM_CYLINDER:
+            scale = half_lengths = half_lengths[[0, 0, 1]]
+            unit = _scaled(primitives.cylinder(), np.array((1.0, 1.0, 2.0)))
+        elif kind == kinds.mjGEOM_BOX:
+            scale, unit = half_lengths, _scaled(primitives.box(), np.full(3, 2.0))
+        else:
+            return None
+        stretch = half_lengths if model.mat_texuniform[model.geom_matid[index]] else np.ones(3)
+        key = id(unit) if data >= 0 else int(kind), np.concatenate((scale, stretch, cube_map)).tobytes()
+        if key not in self._repeated:
+            self._count_vertices(3 * len(unit.elements))
+            mapped = cube_mapped(_scaled(unit, scale), unit.positions * stretch, *cube_map)
+            self._repeated[key] = mapped, unit
         return self._repeated[key][0]
 
     def _height_field(self, index: int, size: list[float]) -> Mesh | None:
@@ -208,25 +234,22 @@ class MjcfGeometry:
         return self._meshes[mesh]
 
 
+def _scaled(mesh: Mesh, factors: NDArray[np.float64]) -> Mesh:
+    """Return a mesh with its positions multiplied by factors above 0, (3,)."""
+    if (factors == 1.0).all():
+        return mesh
+    assert mesh.normals is not None
+    normals = mesh.normals / factors
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    return replace(mesh, positions=(mesh.positions * factors).astype(np.float32), normals=normals.astype(np.float32))
+
+
 def _scaled_uv(mesh: Mesh, repeats: NDArray[np.float64], offset: NDArray[np.float64] | float = 0.0) -> Mesh:
     """Return the mesh with its texture coordinates multiplied by the repetitions along u and v, plus an offset."""
     assert mesh.uv0 is not None
     with np.errstate(all="ignore"):
         uv = (mesh.uv0 * repeats + offset).astype(np.float32)
     return replace(mesh, uv0=np.nan_to_num(uv, posinf=0.0, neginf=0.0))
-
-
-def _cube_mapped_box(half_lengths: list[float], texels: int, images: int) -> Mesh:
-    """Return a box with half side lengths (3,), metres, whose faces show those of a cube map.
-
-    The map has six ``images`` in one column, or one for all faces; ``texels``: their side length. Coordinates stay half
-    a texel inside, so that no other face shows at edges.
-    """
-    box = _box_mesh(half_lengths, _CUBE_MAP_FACES)
-    assert box.uv0 is not None
-    uv = 0.5 + (box.uv0 - 0.5) * (1.0 - 1.0 / texels)
-    uv[:, 1] = (uv[:, 1] + np.arange(6).repeat(4) % images) / images
-    return replace(box, uv0=uv.astype(np.float32))
 
 
 def _box_mesh(half_lengths: list[float], faces: NDArray[np.int64]) -> Mesh:

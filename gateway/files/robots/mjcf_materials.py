@@ -22,7 +22,6 @@ class MjcfMaterials:
         self._color_roles = (int(mujoco.mjtTextureRole.mjTEXROLE_RGB), int(mujoco.mjtTextureRole.mjTEXROLE_RGBA))
         self._texture_2d = int(mujoco.mjtTexture.mjTEXTURE_2D)
         self._cube_map = int(mujoco.mjtTexture.mjTEXTURE_CUBE)
-        self._box = int(mujoco.mjtGeom.mjGEOM_BOX)
         self._images: dict[int, Image] = {}
 
     def rgba(self, geom: int) -> tuple[float, float, float, float]:
@@ -34,7 +33,7 @@ class MjcfMaterials:
         return r, g, b, a
 
     def material(self, geom: int, has_uv: bool) -> Material:
-        """Return the material of a geometry; without texture coordinates it has the texture's mean colour."""
+        """Return the material of a geometry; without coordinates for its texture, it has the texture's mean colour."""
         model = self._model
         r, g, b, alpha = np.clip(self.rgba(geom), 0.0, 1.0).tolist()
         color = np.array([linear_from_srgb(channel) for channel in (r, g, b)])
@@ -47,7 +46,7 @@ class MjcfMaterials:
                 roughness = _roughness(float(model.mat_shininess[material_index]))
             emission = float(model.mat_emission[material_index])
             texture_index = self._color_texture(material_index)
-            if texture_index is not None and has_uv and (self.has_image(geom) or self.cube_map_texels(geom)):
+            if texture_index is not None and has_uv:
                 texture = Texture(self._image(texture_index), name=f"texture {texture_index}")
             elif texture_index is not None:
                 color = color * mean_color(self._image(texture_index))
@@ -72,27 +71,18 @@ class MjcfMaterials:
         texture = self._color_texture(material) if material >= 0 else None
         return texture is not None and int(self._model.tex_type[texture]) == self._texture_2d
 
-    def cube_map_texels(self, geom: int) -> int:
-        """Return the side length of a face of the cube map on a box, in texels; 0: it is not a box or has no cube map.
+    def cube_map(self, geom: int) -> tuple[int, int] | None:
+        """Return the side length, in texels, and the number of images of a geometry's cube map; None if it shows none.
 
-        The map is one image for all faces, or six in a column (``cube_map_images``).
-
-        Also 0 with ``texuniform``, unless all sides of the box are equal: there, faces show parts of their neighbours.
+        The map is one image for all faces, or six in a column. None also if all its texels are equal.
         """
         model, material = self._model, int(self._model.geom_matid[geom])
-        if int(model.geom_type[geom]) != self._box or material < 0:
-            return 0
-        texture = self._color_texture(material)
+        texture = self._color_texture(material) if material >= 0 else None
         if texture is None or int(model.tex_type[texture]) != self._cube_map:
-            return 0
-        is_stretched = model.mat_texuniform[material] and np.ptp(model.geom_size[geom]) > 0.0
+            return None
         height, width = int(model.tex_height[texture]), int(model.tex_width[texture])
-        return 0 if is_stretched or height not in (width, 6 * width) else width
-
-    def cube_map_images(self, geom: int) -> int:
-        """Return the number of images of the cube map on a box, 1 or 6."""
-        texture = self._color_texture(int(self._model.geom_matid[geom]))
-        return int(self._model.tex_height[texture] // self._model.tex_width[texture])
+        pixels = self._image(texture).decode()
+        return None if height not in (width, 6 * width) or (pixels == pixels[0, 0]).all() else (width, height // width)
 
     def texture_repeats(self, geom: int) -> NDArray[np.float64]:
         """Return the factors of a geometry's texture coordinates, (2,), where 0 to 1 is its whole length.

@@ -162,7 +162,10 @@ def test_texture_repeats_of_meshes(tmp_path: Path, uniform: str, repeats: tuple[
 
 
 def test_cube_maps_of_boxes(tmp_path: Path) -> None:
-    """As MuJoCo 4.0 draws them: each face of the box shows one of the cube map's, which lie in a column."""
+    """As MuJoCo 4.0 draws them: each face of the box shows one of the cube map's, which lie in a column.
+
+    Other shapes show the image of the axis to which a point is nearest; so do boxes with ``texuniform``.
+    """
     names = ("right", "left", "up", "down", "front", "back")
     colors = np.array([(255, 0, 0), (0, 255, 0), (0, 0, 255), (255, 255, 0), (0, 255, 255), (255, 0, 255)], np.uint8)
     for name, color in zip(names, colors, strict=True):
@@ -180,12 +183,19 @@ def test_cube_maps_of_boxes(tmp_path: Path) -> None:
         ),
     )
     box, sphere, uniform = robot.parts[0]
-    assert sphere.material.base_color_texture is None
-    assert uniform.shape == Box((6.0, 4.0, 2.0))
     mesh = mesh_of(box)
     pixels = box.material.base_color_texture.image.decode()
     assert pixels.shape == (48, 8, 4)
     axes = np.array([(1, 0, 0), (-1, 0, 0), (0, 1, 0), (0, -1, 0), (0, 0, 1), (0, 0, -1)])
+    for part in (sphere, uniform):  # the colour is that of the nearest axis
+        shown = mesh_of(part)
+        middles = shown.positions[shown.elements].mean(axis=1)
+        rows, columns = (shown.uv0[shown.elements].mean(axis=1) * (8, 48)).astype(int).T[::-1]
+        face_colors = pixels[rows, columns, :3]
+        is_plain = face_colors.min(axis=1) == 0
+        assert is_plain.mean() > 0.9
+        assert (face_colors[is_plain] == colors[(middles @ axes.T).argmax(axis=1)][is_plain]).all()
+        assert_outward(shown.positions[shown.elements], middles)
     top_left = np.array([(3, 2, 1), (-3, 2, -1), (-3, 2, -1), (-3, -2, 1), (-3, 2, 1), (3, 2, -1)])
     for axis, color, corner in zip(axes, colors, top_left, strict=True):
         face = (mesh.normals == axis).all(axis=1)
@@ -193,18 +203,19 @@ def test_cube_maps_of_boxes(tmp_path: Path) -> None:
         assert pixels[row, column, :3].tolist() == color.tolist()
         columns, rows = (mesh.uv0[face] * (8, 48)).astype(int).T
         white = pixels[rows, columns].min(axis=1) == 255
-        assert mesh.positions[face][white].tolist() == [corner.tolist()]
+        assert np.unique(mesh.positions[face][white], axis=0).tolist() == [corner.tolist()]
     assert_outward(mesh.positions[mesh.elements], mesh.normals[mesh.elements[:, 0]])
 
 
 def test_cube_maps_of_one_image(tmp_path: Path) -> None:
     """All faces show it. Boxes of collision geometry stay boxes."""
     asset = '<texture name="t" type="cube" file="t.png"/><material name="m" texture="t"/>'
-    cv2.imwrite(str(tmp_path / "t.png"), np.full((8, 8, 3), 99, np.uint8))
+    cv2.imwrite(str(tmp_path / "t.png"), np.arange(192, dtype=np.uint8).reshape(8, 8, 3))
     content = mjcf('<geom type="box" size="3 2 1" material="m"/>', f"<asset>{asset}</asset>")
     part = read(tmp_path, content).parts[0][0]
     assert part.material.base_color_texture is not None
-    np.testing.assert_allclose(np.unique(mesh_of(part).uv0), (1 / 16, 15 / 16), atol=1e-6)
+    uv = mesh_of(part).uv0
+    np.testing.assert_allclose((uv.min(axis=0), uv.max(axis=0)), ((1 / 16, 1 / 16), (15 / 16, 15 / 16)), atol=1e-6)
     (box,) = read(tmp_path, content, geometry="collision").parts[0]
     assert box.shape == Box((6.0, 4.0, 2.0))
     assert box.material.base_color_texture is None
