@@ -11,7 +11,7 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from gateway.files.robots.mjcf_geometry import MjcfGeometry
+from gateway.files.robots.mjcf_geometry import COLLISION_GROUP, MjcfGeometry
 from gateway.files.robots.robot import Robot, RobotLimits
 from gateway.runtime.workers.limited_process import ProcessFailed, ProcessLimits, call_limited
 from scenegate.name_hint import name_hint
@@ -22,7 +22,9 @@ from scenegate.robots.xml_text import Element, parse_xml
 
 _OUT_OF_MEMORY: Final = ("Could not allocate memory", "Caught an unknown exception!")
 """Parts of MuJoCo's error messages when memory runs out; the second one is for std::bad_alloc."""
-_DROPPED: Final = re.compile(r"Element '(composite|flexvert)'|plugin mujoco\.elasticity|invalid keyword: 'vert'")
+_DROPPED: Final = re.compile(
+    r"Element '(composite|flexvert)'|plugin mujoco\.elasticity|invalid keyword: 'vert'|attribute: 'internal'|no longer"
+)
 """Errors of MuJoCo 4 for what MuJoCo 3 reads."""
 _output_decoder: Final = msgspec.msgpack.Decoder(tuple[bytes, list[str]] | str)
 _VALUE_COUNTS: Final[dict[JointKind, int]] = {"floating": 7, "ball": 4, "prismatic": 1, "revolute": 1}
@@ -51,9 +53,10 @@ def read_mjcf(root: Element, files: RobotFiles, use: GeometryUse, keyframe: str,
     joints = _joints(mujoco, model, _keyframe_values(mujoco, model, keyframe))
     converter = MjcfGeometry(mujoco, model, limits.mesh.max_vertices)
     parts = converter.parts_by_body(use)
-    warnings = tuple(
-        f"{count} {what} are not shown" for count, what in ((model.nskin, "skins"), (model.nflex, "flexes")) if count
-    )
+    is_shown = (model.tendon_group < COLLISION_GROUP) & (model.tendon_rgba[:, 3] > 0.0)
+    tendons = np.count_nonzero(is_shown & (model.wrap_type[model.tendon_adr] != mujoco.mjtWrap.mjWRAP_JOINT))
+    left_out = ((model.nskin, "skins"), (model.nflex, "flexes"), (tendons, "spatial tendons"))
+    warnings = tuple(f"{count} {what} are not shown" for count, what in left_out if count)
     name = root.get("model") or files.path.stem
     kinematics = _Kinematics(mujoco, model, joints)
     warnings = (*warnings, *converter.warnings, *compiler_warnings)
@@ -90,6 +93,7 @@ class _Kinematics:
         self._model = model
         self._addresses = dict(zip(joints, map(int, model.jnt_qposadr), strict=True))
         """Index of each joint's first value in ``qpos``."""
+        mujoco.set_mju_user_warning(lambda text: None)  # it would print and log again what the compiler reported
         self._data = mujoco.MjData(model)
         self._lock = threading.Lock()
         """Protects ``_data``, which each call overwrites."""

@@ -472,6 +472,7 @@ CLOTH = '<flexcomp name="f" type="grid" count="3 3 1" spacing="1 1 1" dim="2">{}
         mjcf('<geom size="1"/>', '<extension><plugin plugin="mujoco.elasticity.cable"/></extension>'),
         mjcf(CLOTH.format(""), '<equality><flexvert flex="f"/></equality>'),
         mjcf(CLOTH.format('<edge equality="vert"/>')),
+        mjcf(CLOTH.format('<contact internal="true"/>')),
     ],
 )
 def test_an_error_of_what_mujoco_3_reads_says_so(tmp_path: Path, content: str) -> None:
@@ -480,3 +481,25 @@ def test_an_error_of_what_mujoco_3_reads_says_so(tmp_path: Path, content: str) -
         return
     with pytest.raises(RobotFileError, match="mujoco<4"):
         read(tmp_path, content)
+
+
+def test_tendons_that_mujoco_shows_are_a_warning(tmp_path: Path) -> None:
+    """A fixed tendon has no shape, and the viewer hides those of group 3."""
+    ends = '<site site="a"/><site site="b"/></spatial>'
+    tendons = f'<tendon><spatial>{ends}<spatial group="3">{ends}<fixed><joint joint="j" coef="1"/></fixed></tendon>'
+    body = '<site name="a"/><body pos="0 0 1"><joint name="j"/><geom size="0.1"/><site name="b"/></body>'
+    assert read(tmp_path, mjcf(body, tendons)).warnings == ("1 spatial tendons are not shown",)
+
+
+@pytest.mark.skipif(version("mujoco") < "3.4", reason="bodies cannot sleep")
+def test_warnings_of_the_first_state_are_not_logged(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A body that shall sleep touches one that is awake."""
+    monkeypatch.chdir(tmp_path)
+    body = '<body {}><freejoint/><geom size="1"/></body>'
+    bodies = body.format('sleep="init"') + body.format('pos="0 0 1"')
+    assert read(tmp_path, mjcf(bodies, '<option><flag sleep="enable"/></option>')).links == (
+        "world",
+        "body_1",
+        "body_2",
+    )
+    assert not (tmp_path / "MUJOCO_LOG.TXT").exists()
