@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from gateway.files.parsers.mesh_data import MeshData, MeshFaultError, MeshOptions, Shape, shape_of
 from gateway.files.parsers.polygons import triangles_of_polygons, triangles_of_rings
 from gateway.files.parsers.texture_files import ReadFile, TextureFiles
+from scenegate.transforms import origin_amid
 
 MAX_ELEMENTS: Final = 1_000_000
 """Maximum number of XML elements: each takes up to 1 kB while the file is read. Large scenes have some thousands."""
@@ -253,7 +254,7 @@ class _SceneReader:
     def _read_primitive(self, primitive: Any, material: Any) -> Shape | None:
         """Convert triangles to ones that share no vertices. ``material`` is the node that binds one, or None."""
         effect = None if material is None else material.target.effect
-        positions = _corners(primitive.vertex, primitive.vertex_index, "vertices")
+        positions = _corners(_vertices(primitive), primitive.vertex_index, "vertices")
         normals = uv = colors = None
         if primitive.normal is not None:
             normals = _corners(primitive.normal, primitive.normal_index, "normals")
@@ -342,11 +343,21 @@ def _opacity(effect: Any, diffuse_alpha: float) -> float:
     return float(a * factor)
 
 
-def _corners(values: NDArray[np.float32], indices: NDArray[np.int32], what: str) -> NDArray[np.float32]:
+def _vertices(primitive: Any) -> NDArray[Any]:
+    """Return the positions of vertices, (N, 3), those of a survey as float64: pycollada has float32 only."""
+    values: NDArray[Any] = primitive.vertex
+    if not any(origin_amid(values.astype(np.float64))):
+        return values
+    source = primitive.sources["VERTEX"][0][4].xmlnode
+    precise = np.array((source.findtext("./{*}float_array") or "").split(), np.float64)
+    return np.nan_to_num(precise.reshape(values.shape)) if precise.size == values.size else values
+
+
+def _corners(values: NDArray[Any], indices: NDArray[np.int32], what: str) -> NDArray[Any]:
     """Return the value of each corner, (number of corners, components)."""
     if indices.size and not (int(indices.min()) >= 0 and int(indices.max()) < len(values)):
         raise MeshFaultError(f"an index of its {what} is not one of 0 to {len(values) - 1}")
-    corners: NDArray[np.float32] = values[indices.reshape(-1)]
+    corners: NDArray[Any] = values[indices.reshape(-1)]
     return corners
 
 

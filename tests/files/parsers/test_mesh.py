@@ -574,6 +574,7 @@ FACE = "element face 1\nproperty list uchar int vertex_indices\n"
             + struct.pack(">B3i", 3, 0, 1, 2),
         ),
         ("stl", "solid a facet normal 0 0 1 outer loop vertex " + ROWS.replace("\n", " vertex ") + " endloop endsolid"),
+        ("dae", PLAIN.replace("0 0 0 1 0 0 0 2 0", ROWS).replace("<translate>0 0 5</translate>", "")),
         (
             "vtk",
             f"# vtk DataFile Version 3.0\na\nASCII\nDATASET POLYDATA\nPOINTS 3 double\n{ROWS}\nPOLYGONS 1 4\n3 0 1 2\n",
@@ -581,7 +582,8 @@ FACE = "element face 1\nproperty list uchar int vertex_indices\n"
     ],
 )
 def test_surveyed_coordinates_are_exact(extension: str, data: str | bytes) -> None:
-    (part,) = parse_mesh(data if isinstance(data, bytes) else data.encode(), extension, no_files, MESH_LIMITS, [])
+    raw = data if isinstance(data, bytes) else data.encode()
+    (part,) = parse_mesh(raw, extension, no_files, MESH_LIMITS, [], collada_up_axis=False)
     assert isinstance(part.shape, Surface | PointCloud)
     points = (
         part.shape.points
