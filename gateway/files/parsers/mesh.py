@@ -52,8 +52,10 @@ def _read(read_file: ReadFile, data: bytes, extension: str, options: MeshOptions
         read_obj(data, read_file, textures, options, content)
         return content
     if extension == "ply":
-        shape = read_ply(data, textures, options, content)
-    elif extension == "stl":
+        content.shapes = read_ply(data, textures, options, content)
+        content.instances = [(number, np.eye(4).tobytes()) for number in range(len(content.shapes))]
+        return content
+    if extension == "stl":
         positions, colors = read_stl(data, options.max_elements, content.warnings)
         triangles = np.arange(len(positions)).reshape(-1, 3)
         shape = shape_of(positions, triangles, content.warnings, colors=colors)

@@ -2,6 +2,7 @@
 
 import contextlib
 import itertools
+import math
 import re
 import struct
 from array import array
@@ -36,6 +37,8 @@ _COLOR_NAMES: Final = (
     ("diffuse_r", "diffuse_g", "diffuse_b", ("diffuse_a", "alpha")),
 )
 """Properties of colours: red, green, blue, and names of the opacity."""
+_MEAN_HARMONIC: Final = 0.5 / math.sqrt(math.pi)
+"""Spherical harmonic of degree 0, the divisor of the colours of Gaussians."""
 _FLOAT64: Final = np.dtype(np.float64)
 _TEXTURE_FILE: Final = re.compile(r"^comment[ \t]+(?i:texturefile)[ \t]*(.*)", re.MULTILINE)
 
@@ -78,8 +81,8 @@ class _Column(NamedTuple):
 _Columns = dict[str, _Column]
 
 
-def read_ply(data: bytes, textures: TextureFiles, options: MeshOptions, content: MeshData) -> Shape | None:
-    """Return the triangles of a file or, without any, its points; None if it has neither. Warnings go to ``content``.
+def read_ply(data: bytes, textures: TextureFiles, options: MeshOptions, content: MeshData) -> list[Shape]:
+    """Return the triangles of a file, those of each texture, or, without any, its points. Warnings go to ``content``.
 
     Colours of vertices come before those of faces, and a texture that can be read before both. Raises ValueError if the
     file is damaged, MeshFaultError beyond a limit.
@@ -88,14 +91,14 @@ def read_ply(data: bytes, textures: TextureFiles, options: MeshOptions, content:
     elements, is_text = _read_header(header)
     vertices = next((each for each in elements if each.name == "vertex" and each.row_count), None)
     if vertices is None:
-        return None
+        return []
     drawn = next(
         (each for name in ("face", "tristrips") for each in elements if each.name == name and each.row_count), None
     )
     if is_text:
         body = _with_known_values(body, elements, content.warnings)
-    texture_names = list(dict.fromkeys(name.strip() for name in _TEXTURE_FILE.findall(header)))
-    _add_hints(elements, drawn, texture_names, content.warnings)
+    texture_names = [name.strip() for name in _TEXTURE_FILE.findall(header)]
+    _add_hints(elements, drawn, content.warnings)
     index_list = "" if drawn is None else drawn.index_list
     columns = _read_columns(body, elements, is_text)
     vertex = columns["vertex"]
@@ -105,7 +108,8 @@ def read_ply(data: bytes, textures: TextureFiles, options: MeshOptions, content:
     colors = _colors_of(vertex)
     if drawn is None:
         check_limits(len(positions), 0, options)
-        return shape_of(positions, None, content.warnings, colors=colors)
+        cloud = shape_of(positions, None, content.warnings, colors=colors)
+        return [] if cloud is None else [cloud]
     normals = _stacked(vertex, ("nx", "ny", "nz"))
     uv = next((found for names in _UV_NAMES if (found := _stacked(vertex, names)) is not None), None)
     faces = columns[drawn.name]
@@ -114,7 +118,14 @@ def read_ply(data: bytes, textures: TextureFiles, options: MeshOptions, content:
     check_limits(len(positions), int(np.maximum(sizes - 2, 0).sum()), options)
     corner_uv = faces.get("texcoord")
     is_split = corner_uv is not None and np.array_equal(corner_uv.sizes, 2 * sizes)
-    image = textures.index(texture_names[-1]) if texture_names and (is_split or uv is not None) else None
+    numbers = faces.get("texnumber") if 1 < len(texture_names) <= options.max_instances else None
+    if numbers is not None and (drawn.name != "face" or (numbers.sizes != 1).any()):
+        numbers = None
+    if len({*texture_names}) > 1 and numbers is None and (is_split or uv is not None):
+        content.warnings.append(f"it has {len({*texture_names})} textures, the last is drawn on all faces")
+    names = texture_names[-1:] if numbers is None else texture_names
+    images = [textures.index(name) for name in names] if is_split or uv is not None else []
+    image = next((each for each in images if each is not None), None)
     face_colors = _colors_of(faces) if drawn.name == "face" and image is None else None
     if colors is not None and face_colors is not None and not (colors == colors[0]).all():
         face_colors = None
@@ -129,19 +140,30 @@ def read_ply(data: bytes, textures: TextureFiles, options: MeshOptions, content:
     if not len(rows):
         raise ValueError(f"its {drawn.row_count} elements {drawn.name!r} have no triangles")
     rows = checked_triangles(rows, len(positions), content.warnings)
-    triangles = rows[:, :3]
-    if is_split or face_colors is not None:
-        corners = triangles.ravel()
-        positions, normals = positions[corners], None if normals is None else normals[corners]
-        if face_colors is not None:
-            colors = face_colors[rows[:, 3]].repeat(3, axis=0)
-        if is_split and corner_uv is not None:
-            uv = corner_uv.values.reshape(-1, 2)[rows[:, 4:].ravel()]
-        triangles = np.arange(len(corners)).reshape(-1, 3)
-    color = None if image is None else (1.0, 1.0, 1.0, 1.0)
-    return shape_of(
-        positions, triangles, content.warnings, normals=normals, uv=uv, colors=colors, color=color, image=image
-    )
+
+    def shape(rows: NDArray[np.int64], image: int | None) -> Shape | None:
+        """Return triangles with a texture."""
+        points, triangles = positions, rows[:, :3]
+        values = {"normals": normals, "uv": uv, "colors": colors}
+        if is_split or face_colors is not None or numbers is not None:
+            corners = triangles.ravel()
+            points, triangles = points[corners], np.arange(len(corners)).reshape(-1, 3)
+            values = {name: None if each is None else each[corners] for name, each in values.items()}
+            if face_colors is not None:
+                values["colors"] = face_colors[rows[:, 3]].repeat(3, axis=0)
+            if is_split and corner_uv is not None:
+                values["uv"] = corner_uv.values.reshape(-1, 2)[rows[:, 4:].ravel()]
+        color = None if image is None else (1.0, 1.0, 1.0, 1.0)
+        return shape_of(points, triangles, content.warnings, **values, color=color, image=image)
+
+    if numbers is None:
+        shapes = [shape(rows, image)]
+    else:
+        of_rows = numbers.values[rows[:, 3]]
+        is_known = np.isin(of_rows, np.arange(len(images)))
+        chosen = [(~is_known, None), *((of_rows == number, each) for number, each in enumerate(images))]
+        shapes = [shape(rows[mask], each) for mask, each in chosen if mask.any()]
+    return [each for each in shapes if each is not None]
 
 
 def _split(data: bytes) -> tuple[str, bytes]:
@@ -194,8 +216,8 @@ def _type(name: str, order: Literal["<", ">"]) -> np.dtype[Any]:
     return np.dtype(numpy_name).newbyteorder(order)
 
 
-def _add_hints(elements: list[_Element], drawn: _Element | None, textures: list[str], warnings: list[str]) -> None:
-    """Append sentences about edges without faces, Gaussians and textures. Raises ValueError for a compressed splat."""
+def _add_hints(elements: list[_Element], drawn: _Element | None, warnings: list[str]) -> None:
+    """Append sentences about edges without faces, and Gaussians. Raises ValueError for a compressed splat."""
     names = {each.name for element in elements if element.name == "vertex" for each in element.properties}
     if "packed_position" in names:
         raise ValueError("it is a compressed Gaussian splat (packed_position); of a plain one, the centres are drawn")
@@ -203,11 +225,7 @@ def _add_hints(elements: list[_Element], drawn: _Element | None, textures: list[
     if edges and drawn is None:
         warnings.append(f"its {edges} edges are not drawn, only their ends")
     if "f_dc_0" in names:
-        warnings.append(
-            "it is a Gaussian splat (f_dc_0 …): its centres are drawn as points, without its Gaussians and colours"
-        )
-    if len(textures) > 1:
-        warnings.append(f"it has {len(textures)} textures, the last is drawn on all faces")
+        warnings.append("it is a Gaussian splat (f_dc_0 …): its centres are drawn as points, without its Gaussians")
 
 
 def _with_known_values(body: bytes, elements: list[_Element], warnings: list[str]) -> bytes:
@@ -365,6 +383,10 @@ def _colors_of(columns: _Columns) -> NDArray[np.uint8] | None:
             rgb = srgb_bytes(stacked)
             opacity = next((columns[name].values for name in opacities if name in columns), np.ones(len(rgb)))
             return np.column_stack((rgb, srgb_bytes(opacity)))
+    harmonics = _stacked(columns, ("f_dc_0", "f_dc_1", "f_dc_2"))
+    if harmonics is not None:
+        rgb = srgb_bytes(np.clip(0.5 + _MEAN_HARMONIC * harmonics, 0.0, 1.0))
+        return np.column_stack((rgb, np.full(len(rgb), 255, np.uint8)))
     return None
 
 

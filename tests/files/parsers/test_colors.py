@@ -162,8 +162,12 @@ def test_only_a_texture_replaces_colors(texture: bytes | None, is_colored: bool)
     assert (shape.colors is not None, shape.image is None) == (is_colored, is_colored)
 
 
-def test_a_splat_has_a_hint() -> None:
-    warnings = content(ply("<", ("f_dc_0", "f_dc_1", "f_dc_2"), "float", "vertex", []), "ply").warnings
+def test_centres_of_a_splat_have_its_colors_and_a_hint() -> None:
+    properties = "".join(f"property float {name}\n" for name in ("x", "y", "z", "f_dc_0", "f_dc_1", "f_dc_2"))
+    data = f"ply\nformat ascii 1.0\nelement vertex 1\n{properties}end_header\n0 0 0 0 {0.5 / 0.28209479} -9\n"
+    result = content(data.encode(), "ply")
+    (shape,), warnings = result.shapes, result.warnings
+    assert list(shape.colors or b"") == [128, 255, 0, 255]
     assert len(warnings) == 1
     assert "splat" in warnings[0]
 

@@ -298,12 +298,34 @@ def test_texture_coordinates_of_the_corners_of_ply_faces(
     np.testing.assert_allclose(1.0 - v, np.array(vertices) / 8, atol=1e-6)
 
 
-def test_a_second_texture_of_a_ply_file_has_a_warning(root: Path, files: MeshFiles) -> None:
+TWO_TEXTURES = "comment TextureFile p.png\ncomment TextureFile q.png\n"
+
+
+def test_only_texture_coordinates_make_a_second_texture_of_a_ply_file_a_warning(root: Path, files: MeshFiles) -> None:
     write(root / "q.png", png((255, 0, 0)))
-    comments = "comment TextureFile p.png\ncomment TextureFile q.png\n"
-    write(root / "t.ply", ply(3, "0 0 0\n1 0 0\n0 1 0\n3 0 1 2\n", faces=1, comments=comments))
-    _, warnings = load_one(files, "t.ply")
-    assert len(warnings) == 1
+    place = "0 0 0{0}\n1 0 0{0}\n0 1 0{0}\n3 0 1 2\n"
+    write(root / "t.ply", ply(3, place.format(" 0 0"), "float s", "float t", faces=1, comments=TWO_TEXTURES))
+    write(root / "plain.ply", ply(3, place.format(""), faces=1, comments=TWO_TEXTURES))
+    assert [len(load_one(files, name)[1]) for name in ("t.ply", "plain.ply")] == [1, 0]
+
+
+def test_each_face_of_a_ply_file_has_the_texture_that_it_numbers(root: Path, files: MeshFiles) -> None:
+    """As MeshLab writes meshes with several textures; a face without one has the number -1."""
+    write(root / "p.png", png((255, 0, 0)))
+    write(root / "q.png", png((0, 255, 0)))
+    corners = [f"3 {k} {k + 1} {k + 2} 6 {k} 0 {k} 0 {k} 0 {number}\n" for k, number in enumerate((1, 0, -1, 1))]
+    points = "".join(f"{k} {k % 2} 0\n" for k in range(6))
+    lists = "property list uchar float texcoord\nproperty int texnumber\nend_header"
+    write(
+        root / "t.ply", ply(6, points + "".join(corners), faces=4, comments=TWO_TEXTURES).replace("end_header", lists)
+    )
+    warnings: list[str] = []
+    shown = {}
+    for part in files.load("t.ply", warnings=warnings):
+        texture = part.material.base_color_texture
+        color = None if texture is None else tuple(texture.image.decode()[0, 0, :3].tolist())
+        shown[color] = sorted({*mesh_of(part).uv0[:, 0].tolist()})
+    assert (shown, warnings) == ({None: [2], (255, 0, 0): [1], (0, 255, 0): [0, 3]}, [])
 
 
 @pytest.mark.parametrize("library", ["m/t.mtl", '"m/t.mtl"', "./m/t.mtl # materials"])
