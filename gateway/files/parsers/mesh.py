@@ -7,7 +7,7 @@ import numpy as np
 import numpy.ma  # np.unique imports it, which would take 0.2 s in each child process
 
 from gateway.files.parsers.collada import read_collada
-from gateway.files.parsers.mesh_data import MeshData, MeshFaultError, MeshOptions, shape_of
+from gateway.files.parsers.mesh_data import MeshData, MeshFaultError, MeshOptions, as_utf8, shape_of
 from gateway.files.parsers.obj import read_obj
 from gateway.files.parsers.ply import read_ply
 from gateway.files.parsers.stl import read_stl
@@ -46,6 +46,7 @@ def _make_visible(content: MeshData) -> None:
 def _read(read_file: ReadFile, data: bytes, extension: str, options: MeshOptions) -> MeshData:
     if extension == "dae":
         return read_collada(data, read_file, options)
+    data = as_utf8(data)
     content = MeshData()
     textures = TextureFiles(read_file, content)
     if extension == "obj":

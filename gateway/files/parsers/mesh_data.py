@@ -1,5 +1,8 @@
 """Content of a mesh file: what a parser's child process sends to the program, and how it is made of arrays."""
 
+import codecs
+import contextlib
+
 import msgspec
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -81,6 +84,14 @@ _TRIANGLES_AT_ONCE = 1 << 18
 
 class MeshFaultError(ValueError):
     """Raised by parsers: a file cannot be used."""
+
+
+def as_utf8(data: bytes) -> bytes:
+    """Return text in UTF-16 with a byte order mark, as PowerShell writes it, as UTF-8; other data as they are."""
+    if data.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
+        with contextlib.suppress(UnicodeDecodeError):
+            return data.decode("utf-16").encode()
+    return data
 
 
 def check_limits(vertices: int, triangles: int, options: MeshOptions) -> None:

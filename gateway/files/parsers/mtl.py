@@ -9,7 +9,7 @@ from typing import Final
 
 import numpy as np
 
-from gateway.files.parsers.mesh_data import Shape
+from gateway.files.parsers.mesh_data import Shape, as_utf8
 from gateway.files.parsers.texture_files import ReadFile, TextureFiles
 
 _BETWEEN_LIBRARIES: Final = re.compile(r"(?<=\.mtl)\s+", re.IGNORECASE)
@@ -28,7 +28,7 @@ def read_materials(libraries: list[str], read_file: ReadFile) -> tuple[dict[str,
     folders: list[str] = []
     for name in dict.fromkeys(name for line in libraries for name in _BETWEEN_LIBRARIES.split(line)):
         try:
-            text = read_file(name).decode("utf-8", "replace").removeprefix("\ufeff")
+            text = as_utf8(read_file(name)).decode("utf-8", "replace").removeprefix("\ufeff")
         except OSError:
             continue
         folders.append(name[: max(name.rfind("/"), name.rfind("\\")) + 1])

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import contextlib
 import re
 from array import array
-from collections import defaultdict
+from collections import Counter, defaultdict
 from collections.abc import Iterable
 from dataclasses import dataclass, field
 from itertools import groupby
@@ -22,6 +23,11 @@ from gateway.files.parsers.texture_files import ReadFile, TextureFiles
 
 _CORNER: Final = re.compile(rb"(-?\d{1,9})(?:/(-?\d{1,9})?)?(?:/(-?\d{1,9})?)?")
 """Corner of a face: vertex, texture coordinates and normal, counted from 1, or below 0 back from the face's line."""
+_NOT_DRAWN: Final = {b"l": "lines", b"curv": "curves", b"surf": "free-form surfaces"}
+"""Elements that are not drawn by their keyword."""
+_POLYPAINT: Final = b"#MRGB"
+"""Start of a comment with the colours of the next vertices as ZBrush writes them: 8 hexadecimal digits of each, for a
+mask, red, green and blue."""
 _MAX_NAMED: Final = 5
 """Maximum number of names in a warning."""
 
@@ -60,6 +66,8 @@ class _ObjFile:
     """Names of MTL files, as the statements ``mtllib`` have them."""
     broken: list[int] = field(default_factory=list)
     """Lines of faces that cannot be drawn."""
+    not_drawn: Counter[bytes] = field(default_factory=Counter)
+    """Number of elements that are not drawn, by their keyword."""
     face_count: int = 0
 
     def add_colored_vertices(self, words: list[bytes]) -> None:
@@ -88,6 +96,9 @@ def read_obj(data: bytes, read_file: ReadFile, textures: TextureFiles, options: 
     file = _read_statements(data, options.submesh)
     vertices = _numbers(file.vertices, 3)
     colors = _colors_of(file, len(vertices))
+    for keyword, count in file.not_drawn.items():
+        if not file.face_count or keyword == b"surf":
+            content.warnings.append(f"its {count} {_NOT_DRAWN[keyword]} are not drawn")
     if not file.face_count:
         if options.submesh:
             raise MeshFaultError(f"it has no group {options.submesh[:60]!r} with faces")
@@ -145,6 +156,8 @@ class _StatementReader:
         self._material = ""
         self._begun: list[bytes] = []
         """Lines that a backslash joins with the next one."""
+        self._painted = 0
+        """Number of vertices with a colour from ``_POLYPAINT``."""
 
     def read_run(self, number: int, lines: list[bytes]) -> bool:
         """Read successive lines of vertices, or of faces, with as many words each; return False for all others.
@@ -182,6 +195,8 @@ class _StatementReader:
             line = b" ".join((*self._begun, line))
             self._begun = []
         keyword, *words = line.split() or [b""]
+        if keyword == _POLYPAINT and words:
+            self._paint(words[0])
         if b"#" in line:
             words = words[: next((k for k, word in enumerate(words) if word.startswith(b"#")), len(words))]
         if keyword == b"v" and len(words) >= 3:
@@ -205,8 +220,20 @@ class _StatementReader:
             self._material = b" ".join(words).decode("utf-8", "replace")
         elif keyword == b"mtllib":
             file.libraries.append(b" ".join(words).decode("utf-8", "replace").strip('"'))
+        elif keyword in _NOT_DRAWN and self._is_shown:
+            file.not_drawn[keyword] += 1
         elif self._submesh and keyword in (b"o", b"g"):
             self._is_shown = self._submesh.encode() in (*words, b" ".join(words))
+
+    def _paint(self, digits: bytes) -> None:
+        """Give the next vertices the colours of a ``_POLYPAINT``."""
+        file, colors = self.file, b""
+        with contextlib.suppress(ValueError):
+            colors = bytes.fromhex(digits.decode("ascii", "replace"))
+        count = min(len(colors) // 4, len(file.vertices) // 3 - self._painted)
+        file.colored.extend(range(self._painted, self._painted + count))
+        file.colors += [b"%.4f" % (colors[4 * k + c] / 255.0) for k in range(count) for c in (1, 2, 3)]
+        self._painted += count
 
 
 def _absolute(corner: bytes, file: _ObjFile) -> bytes:

@@ -172,6 +172,14 @@ def test_centres_of_a_splat_have_its_colors_and_a_hint() -> None:
     assert "splat" in warnings[0]
 
 
+def test_colors_that_zbrush_paints() -> None:
+    """Two comments of a mask, red, green and blue for each vertex; one more than there are, and one that is damaged."""
+    paint = "#MRGB ffff000000008000\n#MRGB xyz\n#MRGB ff0000ff12345678\n"
+    (shape,) = content(f"v 0 0 0\nv 1 0 0\nv 0 1 0\n{paint}f 1 2 3\n", "obj").shapes
+    colors = np.frombuffer(shape.colors or b"", np.uint8).reshape(-1, 4)
+    assert colors[:, :3].tolist() == [[255, 0, 0], [0, 128, 0], [0, 0, 255]]
+
+
 @pytest.mark.parametrize("full", [1.0, 255.0, 65535.0])
 @pytest.mark.parametrize("library", ["", "mtllib missing.mtl\n"])
 @pytest.mark.parametrize("faces", ["", "f 1 2 3\nf 1 3 4\nf 1 2 5\n", "f 1/1 2/2 3/3\nf 1/3 3/2 4/1\nf 1/1 2/2 5/3\n"])

@@ -591,3 +591,28 @@ def test_surveyed_coordinates_are_exact(extension: str, data: str | bytes) -> No
         else part.shape.mesh.positions[part.shape.mesh.elements[0]]
     )
     np.testing.assert_allclose(points + part.X_node_part[:3, 3], SURVEYED, rtol=0, atol=1e-6)
+
+
+@pytest.mark.parametrize("order", ["utf-16-le", "utf-16-be"])
+@pytest.mark.parametrize(
+    ("extension", "data"),
+    [
+        ("obj", "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n"),
+        ("ply", ascii_ply(3, "0 0 0\n1 0 0\n0 1 0\n3 0 1 2\n", faces=1)),
+        ("stl", "solid a facet normal 0 0 1 outer loop vertex 0 0 0 vertex 1 0 0 vertex 0 1 0 endloop endsolid"),
+        ("vtk", f"{VTK.decode()}POINTS 3 float\n0 0 0 1 0 0 0 1 0\nPOLYGONS 1 4\n3 0 1 2\n"),
+        ("dae", PLAIN.replace("0 0 0 1 0 0 0 2 0", "0 0 0 1 0 0 0 1 0")),
+    ],
+)
+def test_text_may_be_utf_16(extension: str, data: str, order: str) -> None:
+    """As the shell of Windows writes what a program prints into a file."""
+    assert area(f"\ufeff{data}".encode(order), extension) == pytest.approx(0.5)
+
+
+@pytest.mark.parametrize(
+    ("statements", "count"),
+    [("l 1 2 3\n", 1), ("curv 0 1 1 2\n", 1), ("surf 0 1 0 1 1 2 3\n", 1), ("f 1 2 3\nl 1 2\n", 0)],
+)
+def test_lines_and_surfaces_of_obj_files_are_a_warning(statements: str, count: int) -> None:
+    """Those beside faces are mostly edges that are drawn."""
+    assert len(content(f"v 0 0 0\nv 1 0 0\nv 0 1 0\n{statements}", "obj").warnings) == count
