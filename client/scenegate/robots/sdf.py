@@ -26,6 +26,7 @@ from scenegate.robots.xml_text import (
     Element,
     attribute,
     children_as_attributes,
+    is_true,
     joint_kind,
     numbers,
     pose_of_rpy,
@@ -223,7 +224,7 @@ class _SdfReader:
                     self._warnings.append(f"the included file {uri[:200]} has no <model>, it is not shown")
                 return
             name = (include.findtext("name") or attribute(model, "name")).strip()
-            merge = attribute(include, "merge") in ("true", "1")
+            merge = is_true(attribute(include, "merge"))
             inner = _Scope(scope.name, scope.base, folder, _version(root), scope.depth)
             if model.tag == "robot":
                 self._add_urdf(model, inner, name, include, merge)
@@ -365,7 +366,7 @@ class _SdfReader:
             return (0.0, 0.0, 1.0), kind
         direction = np.array(numbers(children_as_attributes(axis), "xyz", (0.0, 0.0, 1.0), where, self._warnings))
         frame = attribute(axis.find("xyz"), "expressed_in")
-        in_model = (axis.findtext("use_parent_model_frame") or "").strip() in ("true", "1")
+        in_model = is_true(axis.findtext("use_parent_model_frame"))
         if frame or in_model or scope.version < _JOINT_FRAME_VERSION:
             X_world_frame = self._frames.X_world(scope.frame(frame))
             direction = X_world_joint[:3, :3].T @ X_world_frame[:3, :3] @ direction

@@ -10,7 +10,15 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from scenegate.robots.xml_text import Element, attribute, children_as_attributes, finite_numbers, numbers, pose_of_rpy
+from scenegate.robots.xml_text import (
+    Element,
+    attribute,
+    children_as_attributes,
+    finite_numbers,
+    is_true,
+    numbers,
+    pose_of_rpy,
+)
 from scenegate.transforms import IDENTITY, from_pose
 
 WORLD: Final = "world"
@@ -110,7 +118,7 @@ def read_pose(element: Element, where: str, warnings: list[str]) -> tuple[NDArra
     if is_quaternion:
         x, y, z, w = numbers[3:]
         return from_pose(numbers[:3], (w, x, y, z)), relative_to
-    angles = np.deg2rad(numbers[3:]) if attribute(pose, "degrees") in ("true", "1") else np.array(numbers[3:])
+    angles = np.deg2rad(numbers[3:]) if is_true(attribute(pose, "degrees")) else np.array(numbers[3:])
     return pose_of_rpy(numbers[:3], angles.tolist()), relative_to
 
 

@@ -16,6 +16,7 @@ from scenegate.robots.xml_text import (
     Element,
     InvalidAttributeError,
     children_as_attributes,
+    is_true,
     named_elements,
     numbers,
     read_color,
@@ -111,7 +112,7 @@ def _shape(geometry: Element | None, where: str, warnings: list[str]) -> tuple[L
     read = read_shape(as_urdf, where, warnings)
     submesh = geometry.find("mesh/submesh")
     if submesh is not None and isinstance(read, MeshReference):
-        center = (submesh.findtext("center") or "").strip() in ("true", "1")
+        center = is_true(submesh.findtext("center"))
         read = replace(read, submesh=(submesh.findtext("name") or "").strip(), center=center)
     return read, IDENTITY
 

@@ -126,6 +126,11 @@ def attribute(element: Element | None, name: str) -> str:
     return "" if element is None else (element.get(name) or "").strip()
 
 
+def is_true(text: str | None) -> bool:
+    """Return True for a text that libsdformat reads so: true in any case, as Python prints it, or 1."""
+    return (text or "").strip().lower() in ("true", "1")
+
+
 def numbers(
     element: Element | None, name: str, default: tuple[float, ...], where: str, warnings: list[str]
 ) -> tuple[float, ...]:

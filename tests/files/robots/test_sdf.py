@@ -230,6 +230,7 @@ def jointed(name: str, kind: str, parent: str, child: str, rest: str = "", axis:
 HINGE = jointed("hinge", "revolute", "a", "b", "<pose relative_to='a'>0 0 0.05 0 0 0</pose>", "0 1 0")
 POLE = placed("a") + placed("b", "0 0 0.25 0 0 0", " relative_to='hinge'") + HINGE
 TURNED = placed("a") + placed("b", "0 0 0 0 0 1.5707963267948966") + jointed("j", "prismatic", "a", "b")
+IN_MODEL = TURNED.replace("</xyz>", "</xyz><use_parent_model_frame>{}</use_parent_model_frame>")
 CART = placed("cart", "0 2 0 0 0 0") + placed("base", "0 0 1 0 0 0")
 CART += jointed("slide", "prismatic", "world", "cart") + jointed("weld", "fixed", "world", "base")
 WORLD = placed("world") + placed("cart", "0 0 1 0 0 0") + jointed("j", "prismatic", "world", "cart", axis="0 0 1")
@@ -252,6 +253,15 @@ OTHERS += f"<model name='n'><pose relative_to='m::__model__'>1 0 0 0 0 0</pose>{
         (model(POLE), {"hinge": np.pi / 2}, {"a": (0, 0, 0), "b": (0.25, 0, 0.05)}),
         (model(TURNED, "1.4"), {"j": 1.0}, {"a": (0, 0, 0), "b": (1, 0, 0)}),  # axes in the frame of the model
         (model(TURNED, "1.5"), {"j": 1.0}, {"a": (0, 0, 0), "b": (0, 1, 0)}),
+        *(  # as libsdformat reads them
+            (model(IN_MODEL.format(text), "1.6"), {"j": 1.0}, {"a": (0, 0, 0), "b": position})
+            for text, position in (("True", (1, 0, 0)), (" TRUE ", (1, 0, 0)), ("1", (1, 0, 0)), ("False", (0, 1, 0)))
+        ),
+        (
+            model(placed("a", "0 0 0 0 0 90", " degrees='True'") + placed("b", "1 0 0 0 0 0", " relative_to='a'")),
+            {},
+            {"a": (0, 0, 0), "b": (0, 1, 0)},
+        ),
         (model(CART), {"slide": 3.0}, {"world": (0, 0, 0), "cart": (3, 2, 0), "base": (0, 0, 1)}),
         # a link may be called world
         (
@@ -284,7 +294,7 @@ def test_places_of_links(
 
 def test_a_merged_include_has_no_name_of_its_own(tmp_path: Path) -> None:
     write(tmp_path, model('<link name="b"><pose>1 0 0 0 0 0</pose></link>'), "other/model.sdf")
-    merged = '<include merge="true"><uri>other</uri><pose>0 1 0 0 0 0</pose></include>'
+    merged = '<include merge="True"><uri>other</uri><pose>0 1 0 0 0 0</pose></include>'
     robot = read(tmp_path, model(f'<pose>0 0 1 0 0 0</pose><link name="a"/>{merged}'))
     assert robot.links == ("a", "b")
     np.testing.assert_allclose(robot.link_poses({})[:, :3, 3], ((0, 0, 1), (1, 1, 1)))
