@@ -130,7 +130,10 @@ def report(name: str, truth: NDArray[np.float32], visible: NDArray[np.bool_], im
         errors = deviation[part & matched]
         small = np.abs(errors) < 1.0
         fill, wrong, bias = matched[part].mean(), 1.0 - small.mean(), errors[small].mean()
-        print(f"  {part_name:12} fill {fill:.3f}, off by > 1 px {wrong:.3f}, bias of the others {bias:+.3f} px")
+        stated = images.error[part & matched][small] * DISPARITY_SCALE
+        error, stated_error = (np.sqrt((each.astype(float) ** 2).mean()) for each in (errors[small], stated))
+        print(f"  {part_name:12} fill {fill:.3f}, off by > 1 px {wrong:.3f}, bias of the others {bias:+.3f} px", end="")
+        print(f", their error {error:.2f} px, stated {stated_error:.2f} px")
     good = visible & matched & (np.abs(deviation) < 1.0)
     for step in (4, 10):
         both = good[:, :-step] & good[:, step:]

@@ -38,11 +38,11 @@ FEATURES: Final = {
 """Names of the features and their meanings, in the order of their planes. Texture is the root mean square of the
 horizontal gradient beyond the image noise, relative to it."""
 ERROR_BORDERS: Final = {
-    "distinctness": (0.2, 0.6, 1.5, 4.0, 10.0),
-    "disparity_range": (0.3, 0.6, 1.0, 2.0, 6.0),
-    "even_texture": (1.1, 1.4, 1.6, 1.7, 1.8),
+    "residual": (0.2, 0.3, 0.4, 0.6, 0.9),
+    "distinctness": (0.7, 1.7, 3.0, 4.5, 7.0),
+    "disparity_range": (0.3, 0.6, 1.0, 1.2, 1.6),
 }
-"""Borders between the bins of the features that give the error."""
+"""Borders between the bins of the features that give the error: about the quantiles of right matches."""
 TREE_DEPTH: Final = 5
 """Number of comparisons of a tree."""
 WEIGHT_UNIT: Final = 1.0 / 32.0
