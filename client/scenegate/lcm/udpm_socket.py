@@ -52,7 +52,7 @@ _RMEM_MAX: Final = Path("/proc/sys/net/core/rmem_max")
 _SO_RCVBUFFORCE: Final = 33
 """Linux option that may exceed net.core.rmem_max; needs CAP_NET_ADMIN."""
 _SO_MEMINFO: Final = 55
-"""Linux option (4.12 and later) with nine counters of the socket. The last counts dropped datagrams."""
+"""Linux option (4.12 and later) with nine counters: the first of bytes to read, the last of dropped datagrams."""
 _MEMINFO: Final = struct.Struct("9I")
 
 
@@ -161,8 +161,18 @@ def receive_buffer(sock: socket.socket) -> int:
 
 def dropped_datagrams(sock: socket.socket) -> int:
     """Return the number of datagrams that a full buffer has dropped; 0 if the kernel does not report it."""
+    return _counters(sock)[-1]
+
+
+def unread_bytes(sock: socket.socket) -> int:
+    """Return the memory of the datagrams in the receive buffer, in bytes; 0 if the kernel does not report it."""
+    return _counters(sock)[0]
+
+
+def _counters(sock: socket.socket) -> tuple[int, ...]:
+    """Return the counters of ``_SO_MEMINFO``, or zeros."""
     try:
         counters = sock.getsockopt(socket.SOL_SOCKET, _SO_MEMINFO, _MEMINFO.size)
     except OSError:
-        return 0
-    return int(_MEMINFO.unpack(counters)[-1]) if len(counters) == _MEMINFO.size else 0
+        counters = b""
+    return _MEMINFO.unpack(counters if len(counters) == _MEMINFO.size else bytes(_MEMINFO.size))

@@ -94,6 +94,7 @@ class UdpmTransport:
             "incomplete": self._assembler.incomplete,
             "refused": self._assembler.refused,
             "unsent_bytes": self._sender.unsent_bytes,
+            "unread_bytes": udpm_socket.unread_bytes(self._receiver) + self.queue.waiting_bytes,
             "receive_buffer_bytes": udpm_socket.receive_buffer(self._receiver),
             "lost_datagrams": udpm_socket.dropped_datagrams(self._receiver),
             "foreign_datagrams": self.foreign,

@@ -196,6 +196,21 @@ async def test_a_full_disk_ends_a_recording() -> None:
         await sender.close()
 
 
+@pytest.mark.lcm
+async def test_records_what_has_arrived_when_it_ends(tmp_path: Path) -> None:
+    url, out = free_url(), tmp_path / "out.lcmlog"
+    sender = open_transport(url, ("NOTHING",), TransportLimits())
+    sender.start(lambda message: None, lambda: None)
+    async with recording(out, url) as progress:
+        for number in range(2000):
+            sender.publish("IMU", number.to_bytes(2, "big"))
+    await sender.close()
+    assert [event.data for event in read_events(io.BytesIO(out.read_bytes()))] == [
+        number.to_bytes(2, "big") for number in range(2000)
+    ]
+    assert progress.events == 2000
+
+
 @pytest.mark.parametrize(
     ("counters", "lost"),
     [
