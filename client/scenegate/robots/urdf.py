@@ -50,6 +50,12 @@ def parse_urdf(root: Element, use: GeometryUse, limits: RobotFileLimits, warning
             if len(text) > limits.max_attribute_chars:
                 start = f"{name[:60]}={text[:60]!r}... of <{element.tag[:60]}>"
                 raise RobotFileError(f"{start} has {len(text)} characters, the limit is {limits.max_attribute_chars}")
+    if attribute(root, "version") in ("", "1", "1.0") and any(
+        "quat_xyzw" in each.attrib for each in root.iter("origin")
+    ):
+        warnings.append('quat_xyzw of <origin> is ignored, as by ROS, without version="1.1" of <robot>')
+        for element in root.iter("origin"):
+            element.attrib.pop("quat_xyzw", None)
     link_elements = root.findall("link")
     joint_elements = [child for child in root if child.tag in _JOINT_TAGS]
     check_count(len(link_elements), limits.max_links, "links")

@@ -18,6 +18,7 @@ from scenegate.messages.geometry import Box, Capsule, Cylinder, Ellipsoid, Spher
 from scenegate.robots.link_model import LinkShape, MeshReference
 from scenegate.robots.robot import JointKind, Mimic
 from scenegate.robots.robot_errors import RobotFileError
+from scenegate.transforms import from_pose
 
 Element = ElementTree.Element
 
@@ -175,12 +176,21 @@ def finite_numbers(text: str) -> tuple[float, ...]:
 
 
 def pose_of_origin(element: Element, where: str, warnings: list[str]) -> NDArray[np.float64]:
-    """Return the (4, 4) pose of ``<origin xyz rpy>``, metres and radians; the identity if there is none."""
+    """Return the (4, 4) pose of ``<origin xyz rpy>``, metres and radians; the identity if there is none.
+
+    The attribute ``quat_xyzw`` of URDF 1.1 comes before ``rpy``.
+    """
     child = element.find("origin")
     if child is None:
         return np.eye(4)
     rpy = numbers(child, "rpy", (0.0, 0.0, 0.0), where, warnings)
-    return pose_of_rpy(numbers(child, "xyz", (0.0, 0.0, 0.0), where, warnings), rpy)
+    xyz = numbers(child, "xyz", (0.0, 0.0, 0.0), where, warnings)
+    if "quat_xyzw" not in child.attrib:
+        return pose_of_rpy(xyz, rpy)
+    if "rpy" in child.attrib:
+        warnings.append(f"{where}: <origin> has rpy and quat_xyzw, which is used")
+    x, y, z, w = numbers(child, "quat_xyzw", (0.0, 0.0, 0.0, 1.0), where, warnings)
+    return from_pose(xyz, (w, x, y, z))
 
 
 def pose_of_rpy(xyz: Sequence[float], rpy: Sequence[float]) -> NDArray[np.float64]:

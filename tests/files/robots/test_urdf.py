@@ -363,6 +363,25 @@ def test_poses_are_products_of_the_joints(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
+    ("version", "rpy", "is_turned", "count"),
+    [
+        ("1.1", "", True, 0),
+        ("1.2", "", True, 0),
+        ("1.1", 'rpy="1 0 0"', True, 1),
+        ("1.0", "", False, 1),
+        ("", "", False, 1),
+    ],
+)
+def test_quaternions_of_urdf_1_1(tmp_path: Path, version: str, rpy: str, is_turned: bool, count: int) -> None:
+    """As urdfdom 6.0 reads them, of any length; it refuses a file that has both."""
+    origin = f'<origin xyz="1 0 0" quat_xyzw="0 0 2 2" {rpy}/>'
+    robot = read(tmp_path, joint("fixed", origin).replace('name="r"', f'name="r" version="{version}"', 1))
+    expected = [[0, -1, 0, 1], [1, 0, 0, 0], [0, 0, 1, 0]] if is_turned else [[1, 0, 0, 1], [0, 1, 0, 0], [0, 0, 1, 0]]
+    np.testing.assert_allclose(robot.link_poses({})[1][:3], expected, atol=1e-15)
+    assert len(robot.warnings) == count
+
+
+@pytest.mark.parametrize(
     ("kind", "content", "value", "pose"),
     [
         ("floating", '<origin xyz="1 0 0"/>', (0, 2, 3, 0, 0, 0, 2), [[-1, 0, 0, 1], [0, -1, 0, 2], [0, 0, 1, 3]]),
