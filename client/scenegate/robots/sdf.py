@@ -138,6 +138,8 @@ class _SdfReader:
                     self._add_joint(child, scope)
                 case "frame":
                     self._add_frame(child, scope)
+                case "actor" | "population" | "road":
+                    self._warnings.append(f"{child.tag} {attribute(child, 'name')[:60]!r} is not shown")
 
     def _add_model(
         self, model: Element, scope: _Scope, name: str, placed: Element | None = None, merge: bool = False
@@ -232,6 +234,10 @@ class _SdfReader:
         except (OSError, RobotFileError) as error:
             self._warnings.append(f"the included model {uri[:200]} is not shown: {reason_of(error)}")
             return
+        if include.find("experimental:params") is not None:
+            self._warnings.append(
+                f"the included model {uri[:200]} is shown without the changes of <experimental:params>"
+            )
         self._add_model(model, inner, name, include, merge)
 
     def _add_link(self, link: Element, scope: _Scope) -> None:

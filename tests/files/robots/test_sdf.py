@@ -327,6 +327,10 @@ LOOP = "".join(
             '<link name="b"/><joint name="j" type="gearbox"><parent>a</parent><child>b</child></joint>',
             "type='gearbox' is not one of revolute, continuous, prismatic, screw,",
         ),
+        (
+            "<include><uri>model://sun</uri></include><include><uri>ground_plane</uri><experimental:params/></include>",
+            "the included model ground_plane is shown without the changes of <experimental:params>",
+        ),
     ],
 )
 def test_what_cannot_be_used_is_left_out_with_a_warning(tmp_path: Path, content: str, message: str) -> None:
@@ -610,3 +614,9 @@ def test_screw_and_universal_joints_move_as_in_drake(
     assert robot.warnings == ()
     X = robot.link_poses({"j": value})[1]
     np.testing.assert_allclose(X, pose_of_rpy(pose[:3], pose[3:]), atol=2e-4)
+
+
+@pytest.mark.parametrize("element", ["actor", "population", "road"])
+def test_what_a_world_has_beside_models_is_a_warning(tmp_path: Path, element: str) -> None:
+    robot = read(tmp_path, world(f'<light name="l"/><{element} name="x"/><model name="m">{placed("a")}</model>'))
+    assert robot.warnings == (f"{element} 'x' is not shown",)
