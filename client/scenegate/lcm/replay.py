@@ -17,7 +17,7 @@ from scenegate.regular_files import errors_name, open_regular
 CONNECT_SECONDS: Final = 10.0
 """Timeout for the connection to the network."""
 DRAIN_SECONDS: Final = 2.0
-"""Maximum time in which a recording that ends writes what has arrived before."""
+"""Maximum time in which a recording that ends writes what has arrived; it ends when nothing waits to be read."""
 MAX_UNSENT_BYTES: Final = 16 * 1024 * 1024
 """Maximum bytes queued for sending. Reading of the log pauses until the network has taken more."""
 UNUSED_PREFIX: Final = "SCENEGATE_PLAYS_ONLY"
@@ -54,7 +54,7 @@ async def record(
     stop: asyncio.Event,
     on_ready: Callable[[], None] = lambda: None,
 ) -> None:
-    """Write messages to a log that arrive until ``stop`` is set. Each message is flushed to the file at once.
+    """Write messages to a log until ``stop`` is set and what had arrived is written. Each one is flushed at once.
 
     The file is replaced once the network of the URL (None: LCM_DEFAULT_URL, or LCM's default) is joined; then
     ``on_ready`` is called. ``channels`` must match the whole channel name. Raises LcmUnavailableError, ConnectionError,
@@ -63,13 +63,10 @@ async def record(
     pattern = _pattern(channels)
     write_error: OSError | None = None
     file: BinaryIO | None = None
-    end_ns: int | None = None
-    """Time at which ``stop`` was set."""
 
     def on_message(message: LcmMessage) -> None:
         nonlocal write_error
-        is_late = end_ns is not None and message.arrival > end_ns
-        if file is None or write_error is not None or is_late or not pattern.fullmatch(message.channel):
+        if file is None or write_error is not None or not pattern.fullmatch(message.channel):
             return
         arrival_us = message.arrival // 1000
         try:
@@ -88,7 +85,7 @@ async def record(
             file = open_file.enter_context(path.open("wb"))
             on_ready()
             await stop.wait()
-            end_ns, deadline = time.time_ns(), time.monotonic() + DRAIN_SECONDS
+            deadline = time.monotonic() + DRAIN_SECONDS
             while transport.status().get("unread_bytes") and time.monotonic() < deadline:  # noqa: ASYNC110 - rare
                 await asyncio.sleep(MIN_SLEEP_SECONDS)
             progress.lost = _lost(transport.status())
