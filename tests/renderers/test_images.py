@@ -161,7 +161,7 @@ def test_exif_orientation_is_ignored() -> None:
 def test_files_for_browsers_have_no_orientation_and_no_profile(kind: str) -> None:
     exif = PIL.Image.Exif()
     exif[0x0112] = 6
-    smooth = cv2.resize(RGBA[..., :3], (70, 50), interpolation=cv2.INTER_CUBIC)
+    smooth = np.asarray(cv2.resize(RGBA[..., :3], (70, 50), interpolation=cv2.INTER_CUBIC), np.uint8)
     data = encoded(smooth, kind, exif=exif.tobytes(), icc_profile=b"profile" * 9000)
     image = image_from_bytes(data)
     file, media_type = browser_file(image)

@@ -23,7 +23,7 @@ def test_rows_of_a_set_are_equal_and_sets_are_ordered_by_their_first_rows(rows: 
 
 
 def test_many_rows_that_differ_in_high_bits_only() -> None:
-    rows = (np.arange(100_000, dtype=np.uint32) << 12).reshape(-1, 2)
+    rows = (np.arange(100_000, dtype=np.uint32) << np.uint32(12)).reshape(-1, 2)
     rows = np.concatenate((rows, rows[::-1]))
     first, set_of_row = first_of_equal(rows)
     expected = len(np.unique(rows, axis=0))
