@@ -161,8 +161,12 @@ def read_ply(data: bytes, textures: TextureFiles, options: MeshOptions, content:
     else:
         of_rows = numbers.values[rows[:, 3]]
         is_known = np.isin(of_rows, np.arange(len(images)))
-        chosen = [(~is_known, None), *((of_rows == number, each) for number, each in enumerate(images))]
-        shapes = [shape(rows[mask], each) for mask, each in chosen if mask.any()]
+        texture_of_rows = np.full(len(rows), -1)
+        texture_of_rows[is_known] = of_rows[is_known]
+        order = np.argsort(texture_of_rows, kind="stable")  # no mask for each texture: a file may name thousands
+        parts = np.split(order, np.flatnonzero(np.diff(texture_of_rows[order])) + 1)
+        images.append(None)  # at -1, of faces without a texture
+        shapes = [shape(rows[part], images[texture_of_rows[part[0]]]) for part in parts if len(part)]
     return [each for each in shapes if each is not None]
 
 

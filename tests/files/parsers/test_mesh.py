@@ -3,12 +3,14 @@
 import dataclasses
 import struct
 import threading
+import tracemalloc
 from itertools import pairwise
 from typing import Any
 
 import msgspec
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from gateway.files.assets.mesh_formats import MESH_LIMITS, PARSER_LIMITS, MeshFormatError, parse_mesh
 from gateway.files.parsers.mesh import read_mesh
@@ -292,6 +294,35 @@ def test_comments_of_ply_files_need_not_be_utf_8() -> None:
     assert area(
         data.replace(b"element vertex", b"comment M\xfcnchen \xc3\x85\nelement vertex"), "ply"
     ) == pytest.approx(1.0)
+
+
+def numbered_ply(textures: int, corners: NDArray[np.int32]) -> bytes:
+    """Return a PLY file of three vertices whose faces have texture coordinates, and the numbers of textures in turn."""
+    names = "".join(f"comment TextureFile {number}.png\n" for number in range(textures))
+    lists = "property list uchar int vertex_indices\nproperty list uchar float texcoord\nproperty int texnumber\n"
+    header = PLY_HEADER.format(f"binary_little_endian 1.0\n{names}comment", t="float")
+    row = [("size", "u1"), ("corners", "<i4", 3), ("uv_size", "u1"), ("uv", "<f4", 6), ("texture", "<i4")]
+    faces = np.zeros(len(corners), row)
+    faces["size"], faces["corners"], faces["uv_size"] = 3, corners, 6
+    faces["texture"] = np.arange(len(corners)) % textures
+    points = np.eye(3, dtype=np.float32).tobytes()
+    return f"{header}element face {len(faces)}\n{lists}end_header\n".encode() + points + faces.tobytes()
+
+
+def test_memory_for_a_ply_file_of_many_textures() -> None:
+    """A mask of the faces for each texture took 2 GB for 2000 textures and a million faces."""
+    data = numbered_ply(2000, np.tile(np.arange(3, dtype=np.int32), (50_000, 1)))
+    tracemalloc.start()
+    shapes = content(data, "ply").shapes
+    _, peak = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert (len(shapes), peak < 50_000_000) == (2000, True)
+
+
+def test_a_ply_file_of_several_textures_without_a_valid_face() -> None:
+    result = read(numbered_ply(2, np.full((4, 3), 9, np.int32)), "ply")
+    assert isinstance(result, str)
+    assert "9 of 3" in result
 
 
 def test_texture_coordinates_of_the_corners_of_ply_polygons() -> None:
