@@ -148,7 +148,7 @@ class _SceneReader:
         self._shapes: dict[tuple[int, tuple[tuple[str, int, str], ...]], list[tuple[int, int]]] = {}
         """Shape indices with their numbers of triangles, by geometry and materials."""
         self._positions: dict[int, NDArray[Any]] = {}
-        """Positions of vertices by the ``id`` of pycollada's, which the document holds."""
+        """Positions of vertices by their source's ``id``. Meshes of several materials have one source."""
         self._triangles = self._drawn = 0
         self.result = MeshData()
         self._textures = TextureFiles(read_file, self.result)
@@ -256,7 +256,10 @@ class _SceneReader:
     def _read_primitive(self, primitive: Any, material: Any) -> Shape | None:
         """Convert triangles to ones that share no vertices. ``material`` is the node that binds one, or None."""
         effect = None if material is None else material.target.effect
-        positions = _corners(self._vertices(primitive), primitive.vertex_index, "vertices")
+        source = primitive.sources["VERTEX"][0][4]
+        if id(source) not in self._positions:
+            self._positions[id(source)] = _precise_positions(source)
+        positions = _corners(self._positions[id(source)], primitive.vertex_index, "vertices")
         normals = uv = colors = None
         if primitive.normal is not None:
             normals = _corners(primitive.normal, primitive.normal_index, "normals")
@@ -280,18 +283,6 @@ class _SceneReader:
             r, g, b = map(float, effect.emission[:3])
             shape.emission = r, g, b
         return shape
-
-    def _vertices(self, primitive: Any) -> NDArray[Any]:
-        """Return the positions of vertices, (N, 3), those of a survey as float64: pycollada has float32 only."""
-        values: NDArray[Any] = primitive.vertex
-        if id(values) not in self._positions:
-            self._positions[id(values)] = values
-            if any(origin_amid(values.astype(np.float64))):
-                source = primitive.sources["VERTEX"][0][4].xmlnode
-                precise = np.array((source.findtext("./{*}float_array") or "").split(), np.float64)
-                if precise.size == values.size:
-                    self._positions[id(values)] = np.nan_to_num(precise.reshape(values.shape))
-        return self._positions[id(values)]
 
     def _material(self, effect: Any) -> tuple[tuple[float, float, float, float], int | None]:
         """Return the diffuse colour and the texture of an effect."""
@@ -355,6 +346,16 @@ def _opacity(effect: Any, diffuse_alpha: float) -> float:
     if effect.opaque_mode == collada.material.OPAQUE_MODE.RGB_ZERO:
         return float(1.0 - factor * (0.212671 * r + 0.715160 * g + 0.072169 * b))
     return float(a * factor)
+
+
+def _precise_positions(source: Any) -> NDArray[Any]:
+    """Return the positions of a source, (N, 3), those of a survey as float64: pycollada has float32 only."""
+    values: NDArray[Any] = source.data
+    if not any(origin_amid(values.astype(np.float64))):
+        return values
+    text = source.xmlnode.findtext("./{*}float_array") or ""
+    precise = np.fromstring(text, np.float64, sep=" ")  # as pycollada does
+    return np.nan_to_num(precise.reshape(values.shape)) if precise.size == values.size else values
 
 
 def _corners(values: NDArray[Any], indices: NDArray[np.int32], what: str) -> NDArray[Any]:

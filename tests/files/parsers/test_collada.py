@@ -3,8 +3,10 @@
 import numpy as np
 import pytest
 
+from gateway.files.parsers import collada
 from gateway.files.parsers.mesh import read_mesh
 from gateway.files.parsers.mesh_data import MeshData, Shape
+from scenegate.transforms import origin_amid
 from tests.files.assets.mesh_files.files import DAE, png, source
 from tests.files.parsers.test_mesh import LIMITS
 
@@ -153,3 +155,12 @@ def test_decimal_commas() -> None:
     (shape, content), (expected_shape, expected) = read(with_commas), read(data)
     assert (shape, content) == (expected_shape, expected)
     assert shape.color == (0.0, 0.5, 1.0, 1.0)
+
+
+def test_vertices_of_several_materials_are_read_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Those of a survey took 4 ms for each material and 200,000 vertices."""
+    searched: list[int] = []
+    monkeypatch.setattr(collada, "origin_amid", lambda each: (searched.append(len(each)), origin_amid(each))[1])
+    result = read_mesh(lambda _: b"", document(TRIANGLES * 3).encode(), "dae", LIMITS)
+    assert isinstance(result, MeshData)
+    assert (len(result.shapes), searched) == (3, [3])
