@@ -138,7 +138,7 @@ def _read_statements(data: bytes, submesh: str) -> _ObjFile:
     number = 1
     for _, run in groupby(data.removeprefix(b"\xef\xbb\xbf").splitlines(), itemgetter(slice(2))):
         lines = list(run)
-        if not reader.read_run(number, lines):
+        if len(lines) == 1 or not reader.read_run(number, lines):
             for offset, line in enumerate(lines):
                 reader.read_line(number + offset, line)
         number += len(lines)
