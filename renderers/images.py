@@ -138,9 +138,10 @@ def _jpeg_frame_header(view: bytes | memoryview) -> tuple[int, int, int]:
     return width, height, start
 
 
-def _has_rgb_or_grey(jpeg: memoryview) -> bool:
-    """Return True if a JPEG has one or three components, False if it may be CMYK."""
-    return bytes(jpeg[_jpeg_frame_header(jpeg)[2] + 7 :][:1]) in (b"\1", b"\3")
+def _is_for_browsers(jpeg: memoryview) -> bool:
+    """Return True for a JPEG that all browsers read: Huffman codes, 8 bits, and one or three components, not CMYK."""
+    *_, (marker, _, start, _) = _jpeg_segments(jpeg)
+    return marker <= 0xC2 and jpeg[start + 2] == 8 and bytes(jpeg[start + 7 : start + 8]) in (b"\1", b"\3")
 
 
 def _webp_size(start: bytes) -> tuple[int, int]:
@@ -205,7 +206,8 @@ def browser_file(image: Image) -> tuple[bytes, str]:
         view = memoryview(file.data)
         if header.format == "PNG":
             return _plain_png(_png_chunks(view)), "image/png"
-        if header.format == "JPEG" and _has_rgb_or_grey(view):
+        if header.format == "JPEG" and _is_for_browsers(view):
+            _check_scans(view)
             *before, (_, frame, _, _) = _jpeg_segments(view)
             kept = (view[begin:end] for marker, begin, _, end in before if marker not in _JPEG_APP_1_2)
             return b"".join((view[:2], *kept, view[frame:])), "image/jpeg"

@@ -181,6 +181,15 @@ def test_files_for_browsers_of_cmyk_and_of_pixels_are_png() -> None:
         np.testing.assert_array_equal(decode_image(file)[..., :3], image.decode()[..., :3])
 
 
+@pytest.mark.parametrize(("offset", "value"), [(1, 0xC9), (1, 0xC3), (4, 12)])
+def test_jpegs_that_browsers_do_not_read_are_no_files_for_them(offset: int, value: int) -> None:
+    """Arithmetic codes, without loss, 12 bits: at most a PNG, if OpenCV reads it."""
+    data = bytearray(encoded(RGBA[..., :3], "JPEG"))
+    data[data.index(b"\xff\xc0") + offset] = value
+    with contextlib.suppress(ImageError):
+        assert browser_file(image_from_bytes(data))[1] == "image/png"
+
+
 @pytest.mark.parametrize("end", [2, 12, 200, 600, 700])
 @pytest.mark.parametrize("kind", ["PNG", "JPEG"])
 def test_cut_off_files_for_browsers_are_files_or_errors(kind: str, end: int) -> None:
@@ -372,6 +381,9 @@ def test_rejects_jpegs_of_too_many_scans(monkeypatch: pytest.MonkeyPatch) -> Non
     np.testing.assert_array_equal(decode_image(jpeg_of_scans(256, 20))[..., 0], 128)
     with pytest.raises(ImageError, match="a JPEG of 21 scans, at 256x256 pixels at most 20 are read"):
         decode_image(jpeg_of_scans(256, 21))
+    assert browser_file(image_from_bytes(jpeg_of_scans(256, 20)))[1] == "image/jpeg"
+    with pytest.raises(ImageError, match=" 21 scans"):
+        browser_file(image_from_bytes(jpeg_of_scans(256, 21)))
 
 
 def test_progressive_jpegs_of_the_maximum_size_are_allowed() -> None:
