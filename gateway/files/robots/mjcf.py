@@ -23,7 +23,8 @@ from scenegate.robots.xml_text import Element, parse_xml
 _OUT_OF_MEMORY: Final = ("Could not allocate memory", "Caught an unknown exception!")
 """Parts of MuJoCo's error messages when memory runs out; the second one is for std::bad_alloc."""
 _DROPPED: Final = re.compile(
-    r"Element '(composite|flexvert)'|plugin mujoco\.elasticity|invalid keyword: 'vert'|attribute: 'internal'|no longer"
+    r"Element '(composite|flexvert)'|plugin mujoco\.elasticity|invalid keyword: 'vert'|attribute: 'internal'"
+    r"|no longer integrated"
 )
 """Errors of MuJoCo 4 for what MuJoCo 3 reads."""
 _output_decoder: Final = msgspec.msgpack.Decoder(tuple[bytes, list[str]] | str)
@@ -93,8 +94,12 @@ class _Kinematics:
         self._model = model
         self._addresses = dict(zip(joints, map(int, model.jnt_qposadr), strict=True))
         """Index of each joint's first value in ``qpos``."""
+        on_warning = mujoco.get_mju_user_warning()
         mujoco.set_mju_user_warning(lambda text: None)  # it would print and log again what the compiler reported
-        self._data = mujoco.MjData(model)
+        try:
+            self._data = mujoco.MjData(model)
+        finally:
+            mujoco.set_mju_user_warning(on_warning)
         self._lock = threading.Lock()
         """Protects ``_data``, which each call overwrites."""
 

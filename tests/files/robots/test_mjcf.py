@@ -483,6 +483,12 @@ def test_an_error_of_what_mujoco_3_reads_says_so(tmp_path: Path, content: str) -
         read(tmp_path, content)
 
 
+def test_what_mujoco_3_refuses_too_has_no_hint_at_it(tmp_path: Path) -> None:
+    with pytest.raises(RobotFileError, match="global coordinates no longer supported") as error:
+        read(tmp_path, mjcf('<geom size="1"/>', '<compiler coordinate="global"/>'))
+    assert "mujoco<4" not in str(error.value)
+
+
 def test_tendons_that_mujoco_shows_are_a_warning(tmp_path: Path) -> None:
     """A fixed tendon has no shape, and the viewer hides those of group 3."""
     ends = '<site site="a"/><site site="b"/></spatial>'
@@ -493,7 +499,9 @@ def test_tendons_that_mujoco_shows_are_a_warning(tmp_path: Path) -> None:
 
 @pytest.mark.skipif(version("mujoco") < "3.4", reason="bodies cannot sleep")
 def test_warnings_of_the_first_state_are_not_logged(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """A body that shall sleep touches one that is awake."""
+    """A body that shall sleep touches one that is awake. Later warnings of other models are MuJoCo's own again."""
+    import mujoco
+
     monkeypatch.chdir(tmp_path)
     body = '<body {}><freejoint/><geom size="1"/></body>'
     bodies = body.format('sleep="init"') + body.format('pos="0 0 1"')
@@ -503,3 +511,4 @@ def test_warnings_of_the_first_state_are_not_logged(tmp_path: Path, monkeypatch:
         "body_2",
     )
     assert not (tmp_path / "MUJOCO_LOG.TXT").exists()
+    assert mujoco.get_mju_user_warning() is None
