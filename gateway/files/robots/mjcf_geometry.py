@@ -145,14 +145,14 @@ class MjcfGeometry:
             return mesh
         key = id(mesh), repeats.tobytes()
         if key not in self._repeated:
-            self._count_vertices(len(mesh.positions))
+            self._check_vertices(len(mesh.positions))
+            self._repeated_vertices += len(mesh.positions)
             self._repeated[key] = _scaled_uv(mesh, repeats, offset), mesh
         return self._repeated[key][0]
 
-    def _count_vertices(self, count: int) -> None:
-        """Count the vertices of a mesh that is made for a texture. Raises RobotFileError for too many."""
-        self._repeated_vertices += count
-        check_count(self._repeated_vertices, self._max_vertices, "vertices of meshes made for textures")
+    def _check_vertices(self, count: int) -> None:
+        """Raise RobotFileError if one more mesh of so many vertices, made for a texture, is beyond the limit."""
+        check_count(self._repeated_vertices + count, self._max_vertices, "vertices of meshes made for textures")
 
     def _cube_mapped(self, index: int, kind: Any) -> Mesh | None:
         """Return the mesh of a geometry that shows a cube map, the same one for the same arguments; None for others.
@@ -181,8 +181,9 @@ class MjcfGeometry:
         stretch = half_lengths if model.mat_texuniform[model.geom_matid[index]] else np.ones(3)
         key = id(unit) if data >= 0 else int(kind), np.concatenate((scale, stretch, cube_map)).tobytes()
         if key not in self._repeated:
-            self._count_vertices(3 * len(unit.elements))
-            mapped = cube_mapped(_scaled(unit, scale), unit.positions * stretch, *cube_map)
+            self._check_vertices(3 * len(unit.elements))
+            mapped = cube_mapped(_scaled(unit, scale), unit.positions * stretch, *cube_map, self._check_vertices)
+            self._repeated_vertices += len(mapped.positions)
             self._repeated[key] = mapped, unit
         return self._repeated[key][0]
 

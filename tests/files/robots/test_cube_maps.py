@@ -1,0 +1,41 @@
+"""Meshes that are cut for a cube map."""
+
+from collections import Counter
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from gateway.files.robots.cube_maps import cube_mapped
+from renderers import primitives
+from renderers.drawlist import Mesh
+
+
+def test_triangles_that_share_an_edge_are_cut_at_the_same_points() -> None:
+    """Points that differ in their last bit leave holes."""
+    sphere = primitives.sphere()
+    directions = sphere.positions * np.float32((1.0, 1.3, 0.7)) + np.float32((0.1, 0.05, 0.02))
+    mapped = cube_mapped(replace(sphere, positions=directions), directions, 8, 6, lambda count: None)
+    assert len(mapped.elements) > len(sphere.elements)
+    assert mapped.uv0 is not None
+    edges: Counter[tuple[bytes, bytes]] = Counter()
+    for triangle in mapped.positions[mapped.elements] + np.float32(0.0):
+        a, b, c = (corner.tobytes() for corner in triangle)
+        edges.update(((a, b), (b, c), (c, a)))
+    assert all(edges[end, start] == count for (start, end), count in edges.items())
+
+
+def test_vertices_are_checked_before_they_are_too_many() -> None:
+    """Triangles around the middle of the map become thirty each."""
+    positions = np.random.default_rng(0).uniform(-1.0, 1.0, (3000, 3)).astype(np.float32)
+    mesh = Mesh(positions, np.arange(3000, dtype=np.uint32).reshape(-1, 3), positions)
+    counts: list[int] = []
+
+    def check(count: int) -> None:
+        counts.append(count)
+        if count > 20_000:
+            raise OverflowError
+
+    with pytest.raises(OverflowError):
+        cube_mapped(mesh, positions, 8, 6, check)
+    assert counts[-1] < 60_000
