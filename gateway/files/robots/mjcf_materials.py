@@ -15,7 +15,7 @@ _UNSET_RGBA = (0.5, 0.5, 0.5, 1.0)
 
 
 class MjcfMaterials:
-    """Materials of geometries, by the index of the geometry. Each texture is converted once."""
+    """Materials of geometries, by the index of the geometry. The pixels of each texture are read once."""
 
     def __init__(self, mujoco: Any, model: Any) -> None:
         self._model = model
@@ -23,6 +23,10 @@ class MjcfMaterials:
         self._texture_2d = int(mujoco.mjtTexture.mjTEXTURE_2D)
         self._cube_map = int(mujoco.mjtTexture.mjTEXTURE_CUBE)
         self._images: dict[int, Image] = {}
+        self._plain: dict[int, bool] = {}
+        """True for textures of one colour."""
+        self._mean_colors: dict[int, tuple[float, float, float]] = {}
+        """Mean colours of textures, linear."""
 
     def rgba(self, geom: int) -> tuple[float, float, float, float]:
         """Return the colour of a geometry without its texture: sRGB and opacity, as in the file."""
@@ -49,7 +53,9 @@ class MjcfMaterials:
             if texture_index is not None and has_uv:
                 texture = Texture(self._image(texture_index), name=f"texture {texture_index}")
             elif texture_index is not None:
-                color = color * mean_color(self._image(texture_index))
+                if texture_index not in self._mean_colors:
+                    self._mean_colors[texture_index] = mean_color(self._image(texture_index))
+                color = color * self._mean_colors[texture_index]
         red, green, blue = color.tolist()
         return Material(
             base_color=(red, green, blue, alpha),
@@ -81,8 +87,10 @@ class MjcfMaterials:
         if texture is None or int(model.tex_type[texture]) != self._cube_map:
             return None
         height, width = int(model.tex_height[texture]), int(model.tex_width[texture])
-        pixels = self._image(texture).decode()
-        return None if height not in (width, 6 * width) or (pixels == pixels[0, 0]).all() else (width, height // width)
+        if texture not in self._plain:
+            pixels = self._image(texture).decode()
+            self._plain[texture] = bool((pixels == pixels[0, 0]).all())
+        return None if height not in (width, 6 * width) or self._plain[texture] else (width, height // width)
 
     def texture_repeats(self, geom: int) -> NDArray[np.float64]:
         """Return the factors of a geometry's texture coordinates, (2,), where 0 to 1 is its whole length.
