@@ -2,6 +2,7 @@
 
 import codecs
 import contextlib
+from typing import Any
 
 import msgspec
 import numpy as np
@@ -92,6 +93,16 @@ def as_utf8(data: bytes) -> bytes:
         with contextlib.suppress(UnicodeDecodeError):
             return data.decode("utf-16").encode()
     return data
+
+
+def srgb_bytes(values: NDArray[Any]) -> NDArray[np.uint8]:
+    """Return colours as bytes. Floats are from 0 to 1, or as integers from 0 to 255 or 65535: the largest one tells."""
+    if values.dtype == np.uint8:
+        return values
+    numbers = np.nan_to_num(values.astype(np.float64))
+    largest = numbers.max(initial=0.0)
+    full = 1.0 if values.dtype.kind == "f" and largest < 2.0 else 255.0 if largest <= 255.0 else 65535.0
+    return np.rint(np.clip(numbers / full, 0.0, 1.0) * 255.0).astype(np.uint8)
 
 
 def check_limits(vertices: int, triangles: int, options: MeshOptions) -> None:

@@ -15,9 +15,16 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from gateway.files.parsers.mesh_data import MeshData, MeshFaultError, MeshOptions, Shape, check_limits, shape_of
+from gateway.files.parsers.mesh_data import (
+    MeshData,
+    MeshFaultError,
+    MeshOptions,
+    Shape,
+    check_limits,
+    shape_of,
+    srgb_bytes,
+)
 from gateway.files.parsers.mtl import read_materials, set_material
-from gateway.files.parsers.ply import srgb_bytes
 from gateway.files.parsers.polygons import triangles_of_polygons
 from gateway.files.parsers.texture_files import ReadFile, TextureFiles
 

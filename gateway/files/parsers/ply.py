@@ -11,7 +11,15 @@ from typing import Any, Final, Literal, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from gateway.files.parsers.mesh_data import MeshData, MeshOptions, Shape, check_limits, checked_triangles, shape_of
+from gateway.files.parsers.mesh_data import (
+    MeshData,
+    MeshOptions,
+    Shape,
+    check_limits,
+    checked_triangles,
+    shape_of,
+    srgb_bytes,
+)
 from gateway.files.parsers.polygons import triangles_of_polygons, triangles_of_strip
 from gateway.files.parsers.texture_files import TextureFiles
 
@@ -392,13 +400,3 @@ def _colors_of(columns: _Columns) -> NDArray[np.uint8] | None:
         rgb = srgb_bytes(np.clip(0.5 + _MEAN_HARMONIC * harmonics, 0.0, 1.0))
         return np.column_stack((rgb, np.full(len(rgb), 255, np.uint8)))
     return None
-
-
-def srgb_bytes(values: NDArray[Any]) -> NDArray[np.uint8]:
-    """Return colours as bytes. Floats are from 0 to 1, or as integers from 0 to 255 or 65535: the largest one tells."""
-    if values.dtype == np.uint8:
-        return values
-    numbers = np.nan_to_num(values.astype(np.float64))
-    largest = numbers.max(initial=0.0)
-    full = 1.0 if values.dtype.kind == "f" and largest < 2.0 else 255.0 if largest <= 255.0 else 65535.0
-    return np.rint(np.clip(numbers / full, 0.0, 1.0) * 255.0).astype(np.uint8)
