@@ -30,6 +30,7 @@ from gateway.files.parsers.texture_files import ReadFile, TextureFiles
 
 _CORNER: Final = re.compile(rb"(-?\d{1,9})(?:/(-?\d{1,9})?)?(?:/(-?\d{1,9})?)?")
 """Corner of a face: vertex, texture coordinates and normal, counted from 1, or below 0 back from the face's line."""
+_COMMENT_OR_BACKSLASH: Final = re.compile(rb"[#\\]")
 _NOT_DRAWN: Final = {b"l": "lines", b"curv": "curves", b"surf": "free-form surfaces"}
 """Elements that are not drawn by their keyword."""
 _POLYPAINT: Final = b"#MRGB"
@@ -174,7 +175,7 @@ class _StatementReader:
         text = b" ".join(lines)
         words = text.split()
         size = len(words) // len(lines)
-        if self._begun or size < 2 or len(words) != size * len(lines) or re.search(rb"[#\\]", text):
+        if self._begun or size < 2 or len(words) != size * len(lines) or _COMMENT_OR_BACKSLASH.search(text):
             return False
         keywords = words[::size]
         rows = {(b"v", 4): self.file.vertices, (b"vt", 3): self.file.uv, (b"vn", 4): self.file.normals}

@@ -6,7 +6,8 @@ import math
 import re
 import struct
 from array import array
-from typing import Any, Final, Literal, NamedTuple
+from collections.abc import Iterator
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,23 +21,11 @@ from gateway.files.parsers.mesh_data import (
     shape_of,
     srgb_bytes,
 )
+from gateway.files.parsers.ply_header import Element, Property, read_header, split_header
 from gateway.files.parsers.polygons import triangles_of_polygons, triangles_of_strip
 from gateway.files.parsers.texture_files import TextureFiles
 
-_TYPES: Final = {
-    "char": "int8",
-    "uchar": "uint8",
-    "short": "int16",
-    "ushort": "uint16",
-    "int": "int32",
-    "uint": "uint32",
-    "float": "float32",
-    "double": "float64",
-}
-"""NumPy's names of the types that PLY names as C does."""
-_TYPE_NAMES: Final = frozenset({*_TYPES.values(), "int64", "uint64", "float16"})
 _PLACES: Final = ("x", "y", "z", "nx", "ny", "nz")
-_INDEX_NAMES: Final = ("vertex_indices", "vertex_index")
 _UV_NAMES: Final = (("texture_u", "texture_v"), ("u", "v"), ("s", "t"))
 _COLOR_NAMES: Final = (
     ("red", "green", "blue", ("alpha",)),
@@ -49,32 +38,6 @@ _MEAN_HARMONIC: Final = 0.5 / math.sqrt(math.pi)
 """Spherical harmonic of degree 0, the divisor of the colours of Gaussians."""
 _FLOAT64: Final = np.dtype(np.float64)
 _TEXTURE_FILE: Final = re.compile(r"^comment[ \t]+(?i:texturefile)[ \t]*(.*)", re.MULTILINE)
-
-
-class _Property(NamedTuple):
-    """A property of an element in a header."""
-
-    name: str
-    dtype: np.dtype[Any]
-    counter: np.dtype[Any] | None
-    """Type of a list's length; None: it is no list."""
-
-
-class _Element(NamedTuple):
-    """An element of a header."""
-
-    name: str
-    row_count: int
-    properties: list[_Property]
-
-    @property
-    def index_list(self) -> str:
-        """Name of the list of vertex indices: any name if it is the only list. Raises ValueError without one."""
-        lists = [each for each in self.properties if each.counter is not None]
-        for each in lists:
-            if each.dtype.kind in "iu" and (each.name in _INDEX_NAMES or len(lists) == 1):
-                return each.name
-        raise ValueError(f"its element {self.name!r} has no list 'vertex_indices' of integers")
 
 
 class _Column(NamedTuple):
@@ -95,8 +58,8 @@ def read_ply(data: bytes, textures: TextureFiles, options: MeshOptions, content:
     Colours of vertices come before those of faces, and a texture that can be read before both. Raises ValueError if the
     file is damaged, MeshFaultError beyond a limit.
     """
-    header, body = _split(data)
-    elements, is_text = _read_header(header)
+    header, body = split_header(data)
+    elements, is_text = read_header(header)
     vertices = next((each for each in elements if each.name == "vertex" and each.row_count), None)
     if vertices is None:
         return []
@@ -167,68 +130,26 @@ def read_ply(data: bytes, textures: TextureFiles, options: MeshOptions, content:
     if numbers is None:
         shapes = [shape(rows, image)]
     else:
-        of_rows = numbers.values[rows[:, 3]]
-        is_known = np.isin(of_rows, np.arange(len(images)))
-        texture_of_rows = np.full(len(rows), -1)
-        texture_of_rows[is_known] = of_rows[is_known]
-        order = np.argsort(texture_of_rows, kind="stable")  # no mask for each texture: a file may name thousands
-        parts = np.split(order, np.flatnonzero(np.diff(texture_of_rows[order])) + 1)
-        images.append(None)  # at -1, of faces without a texture
-        shapes = [shape(rows[part], images[texture_of_rows[part[0]]]) for part in parts if len(part)]
+        parts = _split_by_texture(rows, numbers.values[rows[:, 3]], len(images))
+        shapes = [shape(part, None if texture is None else images[texture]) for part, texture in parts]
     return [each for each in shapes if each is not None]
 
 
-def _split(data: bytes) -> tuple[str, bytes]:
-    """Return the header, with elements and properties in lower case, and the data. Raises ValueError without them.
-
-    Rhinoceros ends its lines with carriage returns, other programs only the last one with both; comments are not always
-    UTF-8.
-    """
-    if b"ply" not in data[:20].lower():
-        raise ValueError("it does not start with 'ply'")
-    end = re.search(rb"end_header\r?\n" if b"\n" in data[:20] else rb"end_header\r", data)
-    if end is None:
-        raise ValueError("its header does not end")
-    lines = (line.decode("utf-8", "replace") for line in data[: end.start()].splitlines())
-    return "\n".join(
-        " ".join(line.split()).lower() if line.lstrip().startswith(("element", "property", "format")) else line
-        for line in lines
-    ), data[end.end() :]
+def _split_by_texture(
+    rows: NDArray[np.int64], numbers: NDArray[Any], count: int
+) -> Iterator[tuple[NDArray[np.int64], int | None]]:
+    """Yield the triangles of each texture, and its index; None for numbers of textures that are not below ``count``."""
+    is_known = np.isin(numbers, np.arange(count))
+    textures = np.full(len(rows), -1)
+    textures[is_known] = numbers[is_known]
+    order = np.argsort(textures, kind="stable")  # no mask for each texture: a file may name thousands
+    for part in np.split(order, np.flatnonzero(np.diff(textures[order])) + 1):
+        if len(part):  # there is an empty one if there are no triangles
+            texture = int(textures[part[0]])
+            yield rows[part], texture if texture >= 0 else None
 
 
-def _read_header(header: str) -> tuple[list[_Element], bool]:
-    """Return the elements, and True for text. Raises ValueError."""
-    elements: list[_Element] = []
-    encoding = next((line for line in header.split("\n") if line.startswith("format")), "")
-    order: Literal["<", ">"] = ">" if "big" in encoding else "<"
-    for number, line in enumerate(header.split("\n")):
-        try:
-            match line.split():
-                case ["element", name, count] if 0 <= int(count) < 1 << 63:
-                    elements.append(_Element(name, int(count), []))
-                case ["property", "list", length, values, name]:
-                    counter = _type(length, order)
-                    if counter.kind == "f" or counter.itemsize > 4:
-                        raise ValueError(length)
-                    elements[-1].properties.append(_Property(name, _type(values, order), counter))
-                case ["property", values, name]:
-                    elements[-1].properties.append(_Property(name, _type(values, order), None))
-                case ["element" | "property", *_]:
-                    raise ValueError(line)
-        except (ValueError, IndexError):
-            raise ValueError(f"line {number + 1} of its header is wrong: {line[:60]!r}") from None
-    return elements, "ascii" in encoding
-
-
-def _type(name: str, order: Literal["<", ">"]) -> np.dtype[Any]:
-    """Return a type by its name in a header; raises ValueError for another name."""
-    numpy_name = _TYPES.get(name, name)
-    if numpy_name not in _TYPE_NAMES:
-        raise ValueError(name)
-    return np.dtype(numpy_name).newbyteorder(order)
-
-
-def _add_hints(elements: list[_Element], drawn: _Element | None, warnings: list[str]) -> None:
+def _add_hints(elements: list[Element], drawn: Element | None, warnings: list[str]) -> None:
     """Append sentences about edges without faces, and Gaussians. Raises ValueError for a compressed splat."""
     names = {each.name for element in elements if element.name == "vertex" for each in element.properties}
     if "packed_position" in names:
@@ -240,7 +161,7 @@ def _add_hints(elements: list[_Element], drawn: _Element | None, warnings: list[
         warnings.append("it is a Gaussian splat (f_dc_0 …): its centres are drawn as points, without its Gaussians")
 
 
-def _with_known_values(body: bytes, elements: list[_Element], warnings: list[str]) -> bytes:
+def _with_known_values(body: bytes, elements: list[Element], warnings: list[str]) -> bytes:
     """Return text without those values of the first rows that the header names wrongly, or not at all.
 
     Assimp 6.0 writes colours that it does not declare, and texture coordinates that it calls colours.
@@ -262,7 +183,7 @@ def _with_known_values(body: bytes, elements: list[_Element], warnings: list[str
     return b"\n".join((*map(b" ".join, rows), *lines[row_count:]))
 
 
-def _read_columns(body: bytes, elements: list[_Element], is_text: bool) -> dict[str, _Columns]:
+def _read_columns(body: bytes, elements: list[Element], is_text: bool) -> dict[str, _Columns]:
     """Return the properties of all elements. Text is read as if its numbers were binary float64. Raises ValueError."""
     if is_text:
         body = _numbers(body.split()).tobytes()
@@ -271,8 +192,8 @@ def _read_columns(body: bytes, elements: list[_Element], is_text: bool) -> dict[
     for element in elements:
         layout = element.properties
         if is_text:
-            layout = [_Property(name, _FLOAT64, counter and _FLOAT64) for name, _, counter in layout]
-        found, place = _read_rows(body, place, _Element(element.name, element.row_count, layout))
+            layout = [Property(name, _FLOAT64, counter and _FLOAT64) for name, _, counter in layout]
+        found, place = _read_rows(body, place, Element(element.name, element.row_count, layout))
         with np.errstate(invalid="ignore", over="ignore"):  # text may have numbers beyond the type
             columns[element.name] = {
                 each.name: _Column(
@@ -297,7 +218,7 @@ def _numbers(words: list[bytes]) -> NDArray[np.float64]:
         return np.array(numbers)
 
 
-def _read_rows(data: bytes, place: int, element: _Element) -> tuple[list[_Column], int]:
+def _read_rows(data: bytes, place: int, element: Element) -> tuple[list[_Column], int]:
     """Return the columns of an element at a place, and its end. Raises ValueError if the file is too short."""
     _, count, properties = element
     first_sizes, _, end = _measured(data, place, element, min(count, 1))
@@ -326,7 +247,7 @@ def _read_rows(data: bytes, place: int, element: _Element) -> tuple[list[_Column
 
 
 def _measured(
-    data: bytes, place: int, element: _Element, count: int
+    data: bytes, place: int, element: Element, count: int
 ) -> tuple[NDArray[np.int64], NDArray[np.int64], int]:
     """Return the numbers of values of an element's first rows, their places, both (count, properties), and the end.
 
