@@ -138,10 +138,11 @@ def _jpeg_frame_header(view: bytes | memoryview) -> tuple[int, int, int]:
     return width, height, start
 
 
-def _is_for_browsers(jpeg: memoryview) -> bool:
-    """Return True for a JPEG that all browsers read: Huffman codes, 8 bits, and one or three components, not CMYK."""
+def _is_for_browsers(jpeg: bytes) -> bool:
+    """Return True for a JPEG with an end that all browsers read: Huffman codes, 8 bits, grey or RGB, not CMYK."""
     *_, (marker, _, start, _) = _jpeg_segments(jpeg)
-    return marker <= 0xC2 and jpeg[start + 2] == 8 and bytes(jpeg[start + 7 : start + 8]) in (b"\1", b"\3")
+    is_whole = jpeg.find(b"\xff\xd9", start) > 0
+    return is_whole and marker <= 0xC2 and jpeg[start + 2] == 8 and jpeg[start + 7 : start + 8] in (b"\1", b"\3")
 
 
 def _webp_size(start: bytes) -> tuple[int, int]:
@@ -199,14 +200,15 @@ def browser_file(image: Image) -> tuple[bytes, str]:
     It is the image's own PNG or JPEG, without colour profile and orientation, which browsers would apply; or a new PNG.
 
     Raises:
-        ImageError: the image cannot be decoded, as far as this is seen; the message does not name it.
+        ImageError: the image cannot be decoded, as far as this is seen without decoding a file that is sent; the
+            message does not name it.
     """
     file = image.decode
     if isinstance(file, ImageFile) and (header := _header(file.data)).pixels <= file.max_pixels:
         view = memoryview(file.data)
-        if header.format == "PNG":
-            return _plain_png(_png_chunks(view)), "image/png"
-        if header.format == "JPEG" and _is_for_browsers(view):
+        if header.format == "PNG" and (chunks := _png_chunks(view))[b"IEND"]:
+            return _plain_png(chunks), "image/png"
+        if header.format == "JPEG" and _is_for_browsers(file.data):
             _check_scans(view)
             *before, (_, frame, _, _) = _jpeg_segments(view)
             kept = (view[begin:end] for marker, begin, _, end in before if marker not in _JPEG_APP_1_2)
