@@ -66,7 +66,7 @@ def run(options: argparse.Namespace) -> None:
         asyncio.run(record_log())
     print_note(f"{options.out}: {progress.events} messages, {progress.data_bytes} bytes")
     if progress.lost:
-        print_note(f"scenegate: lost, since they came faster than they could be read: {progress.lost}")
+        print_note(f"scenegate: lost: {progress.lost}")
 
 
 async def run_with_bar(work: Coroutine[Any, Any, None], update_bar: Callable[[], None]) -> None:

@@ -95,7 +95,11 @@ async def record(
 
 def _lost(status: Mapping[str, Any]) -> str:
     """Return what a transport has lost, by its counters, in words."""
-    names = {"lost_datagrams": "datagrams", "incomplete": "messages with lost datagrams", "dropped": "waiting messages"}
+    names = {
+        "lost_datagrams": "datagrams that came faster than they were read",
+        "incomplete": "messages of which datagrams are missing",
+        "dropped": "messages since too many were waiting",
+    }
     return ", ".join(f"{status[counter]} {name}" for counter, name in names.items() if status.get(counter))
 
 
