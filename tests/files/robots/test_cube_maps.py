@@ -25,8 +25,19 @@ def test_triangles_that_share_an_edge_are_cut_at_the_same_points() -> None:
     assert all(edges[end, start] == count for (start, end), count in edges.items())
 
 
+def test_long_triangles_show_straight_lines() -> None:
+    """Places on a face of the map are quotients: between the corners of a long triangle they are not linear."""
+    corners = np.float32([(0.5, -0.5, -0.5), (1.0, -0.5, -1.0), (1.0, -0.5, 1.0), (0.5, -0.5, 0.5)])
+    mesh = Mesh(corners, np.array([(0, 1, 2), (0, 2, 3)], np.uint32), corners)
+    mapped = cube_mapped(mesh, corners, 1 << 20, 1, lambda count: None)
+    assert mapped.uv0 is not None
+    x, y, z = mapped.positions[mapped.elements].mean(axis=1).T
+    shown = mapped.uv0[mapped.elements].mean(axis=1)  # row towards -z, column towards -y
+    np.testing.assert_allclose(shown, np.stack((0.5 - 0.5 * z / x, 0.5 - 0.5 * y / x), axis=1), atol=0.01)
+
+
 def test_vertices_are_checked_before_they_are_too_many() -> None:
-    """Triangles around the middle of the map become thirty each."""
+    """Triangles around the middle of the map become hundreds each."""
     positions = np.random.default_rng(0).uniform(-1.0, 1.0, (3000, 3)).astype(np.float32)
     mesh = Mesh(positions, np.arange(3000, dtype=np.uint32).reshape(-1, 3), positions)
     counts: list[int] = []
