@@ -187,7 +187,7 @@ def test_jpegs_that_browsers_do_not_read_are_no_files_for_them(offset: int, valu
     data = bytearray(encoded(RGBA[..., :3], "JPEG"))
     data[data.index(b"\xff\xc0") + offset] = value
     with contextlib.suppress(ImageError):
-        assert browser_file(image_from_bytes(data))[1] == "image/png"
+        assert browser_file(image_from_bytes(bytes(data)))[1] == "image/png"
 
 
 @pytest.mark.parametrize("left_out", [10, 60, 150, 600])

@@ -14,7 +14,7 @@ from renderers.drawlist import Mesh
 def test_triangles_that_share_an_edge_are_cut_at_the_same_points() -> None:
     """Points that differ in their last bit leave holes."""
     sphere = primitives.sphere()
-    directions = sphere.positions * np.float32((1.0, 1.3, 0.7)) + np.float32((0.1, 0.05, 0.02))
+    directions = sphere.positions * np.array((1.0, 1.3, 0.7), np.float32) + np.array((0.1, 0.05, 0.02), np.float32)
     mapped = cube_mapped(replace(sphere, positions=directions), directions, 8, 6, lambda count: None)
     assert len(mapped.elements) > len(sphere.elements)
     assert mapped.uv0 is not None
@@ -27,7 +27,7 @@ def test_triangles_that_share_an_edge_are_cut_at_the_same_points() -> None:
 
 def test_long_triangles_show_straight_lines() -> None:
     """Places on a face of the map are quotients: between the corners of a long triangle they are not linear."""
-    corners = np.float32([(0.5, -0.5, -0.5), (1.0, -0.5, -1.0), (1.0, -0.5, 1.0), (0.5, -0.5, 0.5)])
+    corners = np.array([(0.5, -0.5, -0.5), (1.0, -0.5, -1.0), (1.0, -0.5, 1.0), (0.5, -0.5, 0.5)], np.float32)
     mesh = Mesh(corners, np.array([(0, 1, 2), (0, 2, 3)], np.uint32), corners)
     mapped = cube_mapped(mesh, corners, 1 << 20, 1, lambda count: None)
     assert mapped.uv0 is not None

@@ -517,9 +517,12 @@ def test_warnings_of_the_first_state_are_not_logged(tmp_path: Path, monkeypatch:
 def test_pixels_of_a_texture_are_searched_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """A capsule has the mean colour of its texture: 300 of them with a cube map of 800 x 4800 pixels took 28 s."""
     means: list[object] = []
-    monkeypatch.setattr(
-        "gateway.files.robots.mjcf_materials.mean_color", lambda image: means.append(image) or (0, 1, 0)
-    )
+
+    def mean_color(image: object) -> tuple[float, float, float]:
+        means.append(image)
+        return 0.0, 1.0, 0.0
+
+    monkeypatch.setattr("gateway.files.robots.mjcf_materials.mean_color", mean_color)
     capsules = '<geom type="capsule" size="1 1" material="m"/>' * 3
     (parts,) = read(tmp_path, mjcf(capsules, f'<asset>{CHECKER}<material name="m" texture="t"/></asset>')).parts
     assert [part.material.base_color[:3] for part in parts] == [(0.0, 1.0, 0.0)] * 3
