@@ -43,7 +43,7 @@ class LogProgress:
     position: int = 0
     """Bytes of the log file that were read, in its current repetition."""
     lost: str = ""
-    """What a recording has lost, if anything."""
+    """Losses of a recording, in words; empty: none."""
 
 
 async def record(
@@ -86,7 +86,7 @@ async def record(
             on_ready()
             await stop.wait()
             deadline = time.monotonic() + DRAIN_SECONDS
-            while transport.status().get("unread_bytes") and time.monotonic() < deadline:  # noqa: ASYNC110 - rare
+            while transport.status().get("unread_bytes") and time.monotonic() < deadline:  # noqa: ASYNC110 - there is no event
                 await asyncio.sleep(MIN_SLEEP_SECONDS)
             progress.lost = _lost(transport.status())
         if write_error is not None:

@@ -127,26 +127,22 @@ def read_ply(data: bytes, textures: TextureFiles, options: MeshOptions, content:
         color = None if image is None else (1.0, 1.0, 1.0, 1.0)
         return shape_of(points, triangles, content.warnings, **values, color=color, image=image)
 
-    if numbers is None:
-        shapes = [shape(rows, image)]
-    else:
-        parts = _split_by_texture(rows, numbers.values[rows[:, 3]], len(images))
-        shapes = [shape(part, None if texture is None else images[texture]) for part, texture in parts]
-    return [each for each in shapes if each is not None]
+    parts = [(rows, image)] if numbers is None else _split_by_texture(rows, numbers.values[rows[:, 3]], images)
+    return [each for each in (shape(*part) for part in parts) if each is not None]
 
 
 def _split_by_texture(
-    rows: NDArray[np.int64], numbers: NDArray[Any], count: int
+    rows: NDArray[np.int64], numbers: NDArray[Any], images: list[int | None]
 ) -> Iterator[tuple[NDArray[np.int64], int | None]]:
-    """Yield the triangles of each texture, and its index; None for numbers of textures that are not below ``count``."""
-    is_known = np.isin(numbers, np.arange(count))
+    """Yield the triangles of each texture, and its image; None for numbers of textures that do not exist."""
+    is_known = np.isin(numbers, np.arange(len(images)))
     textures = np.full(len(rows), -1)
     textures[is_known] = numbers[is_known]
     order = np.argsort(textures, kind="stable")  # no mask for each texture: a file may name thousands
     for part in np.split(order, np.flatnonzero(np.diff(textures[order])) + 1):
         if len(part):  # there is an empty one if there are no triangles
             texture = int(textures[part[0]])
-            yield rows[part], texture if texture >= 0 else None
+            yield rows[part], images[texture] if texture >= 0 else None
 
 
 def _add_hints(elements: list[Element], drawn: Element | None, warnings: list[str]) -> None:
