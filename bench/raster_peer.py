@@ -362,14 +362,7 @@ class Panda(Peer):
         np.frombuffer(memoryview(self.texture.get_ram_image()), np.uint8)
 
 
-PEERS = {
-    "moderngl": ModernGl,
-    "moderngl-4": ModernGl4,
-    "vtk": Vtk,
-    "vtk-8": Vtk8,
-    "vtk-pbr": VtkPbr,
-    "panda3d": Panda,
-}
+PEERS = {"moderngl": ModernGl, "moderngl-4": ModernGl4, "vtk": Vtk, "vtk-8": Vtk8, "vtk-pbr": VtkPbr, "panda3d": Panda}
 
 
 def main() -> None:

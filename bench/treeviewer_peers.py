@@ -112,12 +112,7 @@ def viser_jobs() -> Iterator[Jobs]:
 @contextlib.contextmanager
 def meldis_jobs() -> Iterator[Jobs]:
     os.environ["LCM_DEFAULT_URL"] = "memq://"
-    from drake import (
-        lcmt_viewer_draw,
-        lcmt_viewer_geometry_data,
-        lcmt_viewer_link_data,
-        lcmt_viewer_load_robot,
-    )
+    from drake import lcmt_viewer_draw, lcmt_viewer_geometry_data, lcmt_viewer_link_data, lcmt_viewer_load_robot
     from pydrake.visualization._meldis import Meldis
 
     viewer = Meldis()

@@ -33,10 +33,7 @@ BODY = [box([0.34, 0.22, 0.1], [0, 0, 0.13], [0.93, 0.62, 0.15, 1])]
 BODY += [wheel(x, y) for x in (-0.12, 0.12) for y in (-0.13, 0.13)]
 BODY += [box([0.03, 0.03, 0.5], [-0.08, 0, 0.42], [0.6, 0.63, 0.68, 1])]
 HEAD = [box([0.07, 0.16, 0.07], [0, 0, 0], [0.15, 0.35, 0.7, 1])]
-GEOMETRY = [
-    {"path": ["rover"], "geometries": BODY},
-    {"path": ["rover", "head"], "geometries": HEAD},
-]
+GEOMETRY = [{"path": ["rover"], "geometries": BODY}, {"path": ["rover", "head"], "geometries": HEAD}]
 
 
 def poses(t: float) -> list[dict]:

@@ -42,8 +42,7 @@ def track(
 
 @app.command()
 def check(
-    folder: Folder,
-    threads: Annotated[int, typer.Option(min=0, help="Number of threads; 0: one per core.")] = 0,
+    folder: Folder, threads: Annotated[int, typer.Option(min=0, help="Number of threads; 0: one per core.")] = 0
 ) -> None:
     """Verify a dataset: manifest, hashes and sizes of the images, models."""
     from gateway.datasets.check import check_dataset

@@ -109,8 +109,7 @@ class RenderOptions:
     ] = "auto"
     background: Annotated[str, Option(metavar="R,G,B", help="Background colour, 0 to 255 each.")] = "204,229,255"
     antialias: Annotated[
-        Literal["fxaa", "none"],
-        Option(help="Edge smoothing of colour images with one sample per pixel."),
+        Literal["fxaa", "none"], Option(help="Edge smoothing of colour images with one sample per pixel.")
     ] = "fxaa"
     samples: Annotated[
         int, Option(help="Samples per pixel of colour images: 1, 4 or 8; 0: 4 for the studio look, 1 for the others.")
@@ -163,8 +162,7 @@ class RenderOptions:
         ),
     ] = None
     root: Annotated[
-        list[Path] | None,
-        _folder("Folder with the packages of a robot file's package:// names. Can be repeated."),
+        list[Path] | None, _folder("Folder with the packages of a robot file's package:// names. Can be repeated.")
     ] = None
     xacro_arg: Annotated[
         list[str] | None,

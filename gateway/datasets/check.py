@@ -80,11 +80,7 @@ def _count_lines(path: Path) -> int:
 
 
 def _check_samples(
-    folder: Path,
-    description: manifest.DatasetRecord,
-    threads: int,
-    report: Report,
-    show: Callable[[int, int], object],
+    folder: Path, description: manifest.DatasetRecord, threads: int, report: Report, show: Callable[[int, int], object]
 ) -> None:
     """Check the samples of the manifest. Raises RecordError if a line cannot be read."""
     # Hashes instead of texts: the names of a million samples would take 600 MB.

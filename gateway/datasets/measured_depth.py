@@ -50,11 +50,7 @@ def measured_depth(
         raise CameraError("measured images need views with the size and lens of --stereo-profile")
     config = StereoConfig.of_profile(profile)
     config = replace(
-        config,
-        depth_mode=depth_mode,
-        seed=noise_seed,
-        background=look.background,
-        alpha_threshold=look.alpha_threshold,
+        config, depth_mode=depth_mode, seed=noise_seed, background=look.background, alpha_threshold=look.alpha_threshold
     )
     imaging = Imaging(config, renderer)
     settings = replace(read_settings(Parameters(profile.limits)), quality=Quality.FULL)

@@ -17,14 +17,7 @@ import numpy as np
 from gateway.adapters.render.errors import RequestError
 from gateway.adapters.render.pipeline import rigid_pose
 from gateway.files.gltf import PlacedCamera
-from gateway.scene.draw.cameras import (
-    CameraError,
-    CameraSpec,
-    OrbitCamera,
-    PoseCamera,
-    StereoCamera,
-    parse_camera,
-)
+from gateway.scene.draw.cameras import CameraError, CameraSpec, OrbitCamera, PoseCamera, StereoCamera, parse_camera
 from gateway.scene.draw.viewpoints import orthographic_camera, resolve_camera
 from gateway.scene.tree.nodes import Node
 from gateway.scene.tree.transforms import is_rotation
@@ -125,13 +118,7 @@ def scene_views(cameras: int, frames: int | None) -> tuple[View, ...]:
 
 
 def camera_of(
-    view: View,
-    root: Node,
-    draw_list: DrawList,
-    file_camera: PlacedCamera | None,
-    width: int,
-    height: int,
-    fovy: float,
+    view: View, root: Node, draw_list: DrawList, file_camera: PlacedCamera | None, width: int, height: int, fovy: float
 ) -> Camera:
     """Return the camera of a view in a scene. Width, height and ``fovy``, in degrees, are defaults.
 

@@ -322,9 +322,7 @@ def poses(t: float) -> dict[Path, Pose]:
             )
         ),
         ("drone",): _pose(
-            (0.9 * math.cos(phase), 0.9 * math.sin(phase), 1.75 + 0.06 * math.sin(5 * phase)),
-            _Z,
-            phase + 0.5 * math.pi,
+            (0.9 * math.cos(phase), 0.9 * math.sin(phase), 1.75 + 0.06 * math.sin(5 * phase)), _Z, phase + 0.5 * math.pi
         ),
         ("drone", "rotor 1"): _pose((0.11, 0.11, 0.03), _Z, 40 * phase),
         ("drone", "rotor 2"): _pose((-0.11, 0.11, 0.03), _Z, -40 * phase),

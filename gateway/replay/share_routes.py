@@ -44,11 +44,7 @@ HEADERS: Final = {"Cache-Control": "no-store", "Content-Disposition": 'attachmen
 
 
 def share_router(
-    tree: LiveTree,
-    page: LivePage,
-    history: Timeline | None = None,
-    max_bytes: int = MAX_BYTES,
-    rig: Rig = STUDIO,
+    tree: LiveTree, page: LivePage, history: Timeline | None = None, max_bytes: int = MAX_BYTES, rig: Rig = STUDIO
 ) -> APIRouter:
     """Return the routes of this module. One file is written at a time.
 

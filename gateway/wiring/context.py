@@ -210,12 +210,7 @@ class Context:
         return "busy" if status == "ready" and render_only and self.workers.busy else status
 
     def run_service(
-        self,
-        name: str,
-        service: Service,
-        *,
-        where: str = "",
-        figures: Callable[[], Mapping[str, Any]] | None = None,
+        self, name: str, service: Service, *, where: str = "", figures: Callable[[], Mapping[str, Any]] | None = None
     ) -> None:
         """Run a service until shutdown. If it fails, log one line; the other services go on.
 

@@ -116,9 +116,7 @@ def watch_tree(metrics: Metrics, tree: LiveTree) -> None:
 
 def watch_history(metrics: Metrics, history: TreeHistory) -> None:
     metrics.watch(
-        "scenegate_history_bytes",
-        "Bytes of earlier states of the live scene, approximately.",
-        lambda: history.nbytes,
+        "scenegate_history_bytes", "Bytes of earlier states of the live scene, approximately.", lambda: history.nbytes
     )
     metrics.watch(
         "scenegate_history_duration_seconds",
@@ -138,9 +136,7 @@ def watch_render(metrics: Metrics, service: RenderService) -> None:
 def watch_stereo(metrics: Metrics, cameras: list[StereoService]) -> None:
     """Sums over all cameras."""
     metrics.watch(
-        "scenegate_stereo_streams",
-        "Number of open gRPC image streams.",
-        lambda: sum(len(each.hub) for each in cameras),
+        "scenegate_stereo_streams", "Number of open gRPC image streams.", lambda: sum(len(each.hub) for each in cameras)
     )
     metrics.watch(
         "scenegate_stereo_sets_sent_total",

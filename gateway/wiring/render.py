@@ -22,11 +22,7 @@ async def setup(context: Context, provided: Provided) -> Provided:
     if not context.settings.is_enabled("view"):
         config = replace(config, recent_count=0)
     service = RenderService(
-        context.renderer,
-        context.workers,
-        config,
-        backdrop=await _backdrop(context),
-        metrics=context.metrics,
+        context.renderer, context.workers, config, backdrop=await _backdrop(context), metrics=context.metrics
     )
     context.app.router.routes[:0] = render_router(service).routes  # found before all others
     metrics.watch_render(context.metrics, service)

@@ -36,14 +36,7 @@ from renderers.compiler.simd import F32x8, F32x8x2, F32x8x3, I32x8, I32x8x2
 from renderers.compiler.structs import Struct, inline
 from renderers.raster.depth_test import depth_test
 from renderers.raster.grid import box_of
-from renderers.raster.layout import (
-    MAX_SMALL_WIDTH,
-    SMALL_FIELD_INDEX,
-    SUBPIXEL_BITS,
-    Layer,
-    RasterFrame,
-    SmallTriangle,
-)
+from renderers.raster.layout import MAX_SMALL_WIDTH, SMALL_FIELD_INDEX, SUBPIXEL_BITS, Layer, RasterFrame, SmallTriangle
 from renderers.visibility_buffer import BAND_ROWS
 
 _BLOCK_ROWS: Final = 4

@@ -55,8 +55,7 @@ def test_the_format_is_a_setting(
 
 
 @pytest.mark.parametrize(
-    "arguments",
-    [(), ("render",), ("serve", "--help"), ("serve", "--help-all"), ("serve", "--log-level", "warning")],
+    "arguments", [(), ("render",), ("serve", "--help"), ("serve", "--help-all"), ("serve", "--log-level", "warning")]
 )
 def test_it_is_only_for_servers_that_log_it(capsys: pytest.CaptureFixture[str], arguments: tuple[str, ...]) -> None:
     assert written(capsys, *arguments) == ""

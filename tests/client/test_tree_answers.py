@@ -114,8 +114,7 @@ def test_missing_paths_without_geometry_are_reported(viewer: TreeViewer) -> None
 
 
 @pytest.mark.parametrize(
-    ("second", "status", "missing"),
-    [({"status": 0}, 0, ()), ({"status": 1, "missing_paths": [["a"]]}, 1, (("a",),))],
+    ("second", "status", "missing"), [({"status": 0}, 0, ()), ({"status": 1, "missing_paths": [["a"]]}, 1, (("a",),))]
 )
 def test_missing_geometry_is_sent_again(
     viewer: TreeViewer, second: dict[str, Any], status: int, missing: tuple[Any, ...]

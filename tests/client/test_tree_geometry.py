@@ -244,10 +244,7 @@ def test_mesh_files_are_scaled_by_one_or_three() -> None:
         (lambda: Sphere(1, color=[(1, 0), (1,)]), r"color must be 3 or 4 numbers, .* not \[\(1, 0\), \(1,\)\]"),
         (lambda: PointCloud(RAGGED), r"points must have rows of 3, not \[\(0, 0, 0\), \(1, 1\)\]"),
         (lambda: PointCloud(POINTS, colors="red"), "colors must have rows of 3 or 4 numbers, not 'red'"),
-        (
-            lambda: PointCloud(POINTS, colors=RAGGED),
-            r"colors must have rows of 3 or 4 numbers, not \[\(0, 0",
-        ),
+        (lambda: PointCloud(POINTS, colors=RAGGED), r"colors must have rows of 3 or 4 numbers, not \[\(0, 0"),
         (lambda: PointCloud(POINTS, intensity=RAGGED), r"intensity must have numbers, not \["),
         (lambda: PointCloud(POINTS, channels={"h": RAGGED}), r"channels\['h'\] must have numbers, not \["),
         (lambda: PointCloud(POINTS, channels={"h": [1, 2]}), r"channels\['h'\] has 2 values for 4 points"),

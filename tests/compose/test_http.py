@@ -46,15 +46,10 @@ def half_a_wall() -> dict[str, Any]:
         "scenes": [{"nodes": [0, 1]}],
         "nodes": [{"mesh": 0}, {"camera": 0}],
         "cameras": [{"type": "perspective", "perspective": {"yfov": 1.287, "znear": 0.1, "zfar": 10.0}}],
-        "materials": [
-            {"pbrMetallicRoughness": {"baseColorFactor": [*(channel / 255 for channel in LABEL), 1.0]}},
-        ],
+        "materials": [{"pbrMetallicRoughness": {"baseColorFactor": [*(channel / 255 for channel in LABEL), 1.0]}}],
         "meshes": [{"primitives": [{"attributes": {"POSITION": 0}, "indices": 1, "material": 0}]}],
         "buffers": [
-            {
-                "byteLength": len(data),
-                "uri": "data:application/octet-stream;base64," + base64.b64encode(data).decode(),
-            }
+            {"byteLength": len(data), "uri": "data:application/octet-stream;base64," + base64.b64encode(data).decode()}
         ],
         "bufferViews": [
             {"buffer": 0, "byteLength": corners.nbytes},

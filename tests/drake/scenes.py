@@ -125,9 +125,7 @@ for _name, _pixels in PRIMITIVE_TEXTURES.items():
 
         @scene(f"primitives_{_name}{_suffix}")
         def _primitives(
-            folder: Path,
-            pixels: np.ndarray = _pixels,
-            diffuse: tuple[float, float, float, float] | None = _diffuse,
+            folder: Path, pixels: np.ndarray = _pixels, diffuse: tuple[float, float, float, float] | None = _diffuse
         ) -> Scene:
             texture = write(folder, pixels)
             return Scene(

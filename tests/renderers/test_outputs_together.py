@@ -81,12 +81,7 @@ def test_coplanar_faces_label_of_the_last_and_color_of_the_front() -> None:
     wall = quad(2.0, 3.0)
     away = replace(wall, elements=np.ascontiguousarray(wall.elements[:, ::-1]))
     red, green = Material((1.0, 0.0, 0.0, 1.0)), Material((0.0, 1.0, 0.0, 1.0))
-    drawn = DrawList(
-        (
-            replace(placed(wall, green), label=2),
-            replace(placed(away, red), label=1),
-        )
-    )
+    drawn = DrawList((replace(placed(wall, green), label=2), replace(placed(away, red), label=1)))
     camera = Camera(40, 40, 40.0, 40.0, 20.0, 20.0, 0.05, 50.0, np.eye(4))
     renderer = CpuRenderer(1)
     frame = renderer.render(drawn, camera, Output.COLOR | Output.LABEL, Look())

@@ -33,8 +33,7 @@ def is_note(row: Finding, detail: str, remedy: str, verdict: Verdict = Verdict.N
 
 
 @pytest.mark.parametrize(
-    ("limit", "verdict"),
-    [((4 << 30) - 1, Verdict.NOTE), (4 << 30, Verdict.OK), (resource.RLIM_INFINITY, Verdict.OK)],
+    ("limit", "verdict"), [((4 << 30) - 1, Verdict.NOTE), (4 << 30, Verdict.OK), (resource.RLIM_INFINITY, Verdict.OK)]
 )
 def test_little_address_space_is_a_note(monkeypatch: pytest.MonkeyPatch, limit: int, verdict: Verdict) -> None:
     monkeypatch.setattr(resource, "getrlimit", lambda which: (limit, resource.RLIM_INFINITY))

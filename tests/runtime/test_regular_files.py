@@ -10,13 +10,7 @@ from pathlib import Path
 import pytest
 
 from renderers.stop import StopFlag, check_stop
-from scenegate.regular_files import (
-    open_regular,
-    read_file_or_pipe,
-    read_regular,
-    read_text,
-    sha256_of,
-)
+from scenegate.regular_files import open_regular, read_file_or_pipe, read_regular, read_text, sha256_of
 from tests.support.waiting import SECONDS
 
 

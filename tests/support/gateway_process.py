@@ -107,9 +107,7 @@ def refused(*flags: str, env: dict[str, str] | None = None) -> tuple[int, list[d
 
 @contextmanager
 def gateway_process(
-    *flags: str,
-    env: dict[str, str] | None = None,
-    command: Sequence[str | Path] = (sys.executable, "-m", "scenegate"),
+    *flags: str, env: dict[str, str] | None = None, command: Sequence[str | Path] = (sys.executable, "-m", "scenegate")
 ) -> Iterator[tuple[GatewayProcess, str]]:
     """Start a gateway on a free port; yield it with its URL."""
     gateway = GatewayProcess("--http-port", "0", *flags, env=env, command=command)

@@ -358,18 +358,10 @@ async def test_the_status_bar(contexts: Any) -> None:
     assert msgspec.to_builtins(status())["interfaces"] == {
         "treeviewer": {"state": "failed", "problem": "no route", "title": "Tree viewer", "documentation": ""},
         "stereo 1": {"state": "ready", "warnings": ["no node"], "title": "Stereo camera 1", "documentation": ""},
-        "render": {
-            "state": "ready",
-            "warnings": ["a mesh is missing"],
-            "title": "Render server",
-            "documentation": "",
-        },
+        "render": {"state": "ready", "warnings": ["a mesh is missing"], "title": "Render server", "documentation": ""},
     }
     context.registry.ready("stereo", figures=lambda: {"clients": 2})
-    assert status().facts == [
-        Fact(name="queue", value=0),
-        Fact(name="streams", value=2),
-    ]
+    assert status().facts == [Fact(name="queue", value=0), Fact(name="streams", value=2)]
     context.registry.ready("drakeviewer", figures=lambda: {"simulation_seconds": 1.5})
     assert status().facts[0] == Fact(name="simulation", value="1.50 s")
     for lcm, lost in (({"dropped": 0}, 0), ({"dropped": 3}, 3), ({"dropped": 3, "lost_datagrams": 4}, 7)):

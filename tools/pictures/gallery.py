@@ -28,18 +28,7 @@ from gateway.scene.tree.labels import LabelTable
 from gateway.scene.tree.live import LiveTree
 from gateway.scene.tree.nodes import Node
 from renderers.camera import Camera
-from renderers.drawlist import (
-    AlphaMode,
-    DrawList,
-    Image,
-    Instance,
-    Light,
-    LightKind,
-    Material,
-    Mesh,
-    Sampler,
-    Texture,
-)
+from renderers.drawlist import AlphaMode, DrawList, Image, Instance, Light, LightKind, Material, Mesh, Sampler, Texture
 from renderers.encode import jpeg_rgb
 from renderers.fxaa import fxaa
 from renderers.interface import Look, Output, SampleCount

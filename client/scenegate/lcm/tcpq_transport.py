@@ -12,15 +12,7 @@ from collections.abc import Callable
 from typing import Final, cast
 from urllib.parse import urlsplit
 
-from scenegate.lcm.tcpq import (
-    CLIENT_HELLO,
-    MAGIC_HUB,
-    FrameError,
-    FrameParser,
-    FrameType,
-    publish,
-    subscription_frame,
-)
+from scenegate.lcm.tcpq import CLIENT_HELLO, MAGIC_HUB, FrameError, FrameParser, FrameType, publish, subscription_frame
 from scenegate.lcm.transport import LcmMessage, OnMessage
 
 _log = logging.getLogger("scenegate.lcm")

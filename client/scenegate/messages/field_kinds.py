@@ -353,8 +353,7 @@ Positive = Annotated[float, FieldKind(_read_positive, write_number)]
 Extents = Annotated[Vector, FieldKind(_read_extents, lambda name, value: number_list(name, value, 2))]
 """Two lengths above 0."""
 AxisLength = Annotated[
-    float,
-    FieldKind(_read_axis_length, write_number, Annotated[float, Meta(ge=MIN_TRIAD_SCALE, le=MAX_DISTANCE)]),
+    float, FieldKind(_read_axis_length, write_number, Annotated[float, Meta(ge=MIN_TRIAD_SCALE, le=MAX_DISTANCE)])
 ]
 Scale = Annotated[float | Vector, FieldKind(_read_scale, _write_scale)]
 Pixels = Annotated[float, FieldKind(_read_pixels, write_number)]

@@ -140,9 +140,7 @@ class SceneWriter:
 
 
 def record(
-    options: RecordingOptions,
-    stop: threading.Event,
-    report: Callable[[SceneWriter], None] = lambda writer: None,
+    options: RecordingOptions, stop: threading.Event, report: Callable[[SceneWriter], None] = lambda writer: None
 ) -> SceneWriter:
     """Record until ``stop`` is set or the time is over.
 

@@ -16,23 +16,8 @@ from numpy.typing import NDArray
 
 from scenegate.recording import message_fields
 from scenegate.recording.mcap_file import EncodedMessage, Schema
-from scenegate.recording.message_fields import (
-    DISTORTION_MODEL,
-    IDENTITY,
-    Fields,
-    Message,
-    quaternion,
-    vector,
-)
-from scenegate.recording.values import (
-    Calibration,
-    CameraImage,
-    Cloud,
-    Disparity,
-    Entity,
-    FrameTransform,
-    Primitive,
-)
+from scenegate.recording.message_fields import DISTORTION_MODEL, IDENTITY, Fields, Message, quaternion, vector
+from scenegate.recording.values import Calibration, CameraImage, Cloud, Disparity, Entity, FrameTransform, Primitive
 
 LINE_METRES: Final = 0.003
 """Width of lines: markers have it in metres."""

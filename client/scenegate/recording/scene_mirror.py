@@ -24,15 +24,7 @@ from scenegate.recording.mirror_geometry import (
     read_transforms,
     split_rigid,
 )
-from scenegate.recording.values import (
-    LEFT_FRAME,
-    RIGHT_FRAME,
-    WORLD,
-    Cloud,
-    Entity,
-    FrameTransform,
-    SceneChange,
-)
+from scenegate.recording.values import LEFT_FRAME, RIGHT_FRAME, WORLD, Cloud, Entity, FrameTransform, SceneChange
 from scenegate.recording.view_frames import Joints, ViewFrame, ViewFrameError
 
 ROOT_FRAME: Final = "scene"

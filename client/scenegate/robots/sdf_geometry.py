@@ -61,11 +61,7 @@ _DEFAULT_SIZES: Final[dict[str, dict[str, str]]] = {
 
 
 def read_geometries(
-    link: Element,
-    name: str,
-    use: GeometryUse,
-    X_link: Callable[[str], NDArray[np.float64]],
-    warnings: list[str],
+    link: Element, name: str, use: GeometryUse, X_link: Callable[[str], NDArray[np.float64]], warnings: list[str]
 ) -> tuple[LinkGeometry, ...]:
     """Return the geometries of a link. Those without a shape that can be drawn are left out with a warning.
 

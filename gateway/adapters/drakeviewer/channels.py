@@ -26,12 +26,7 @@ class Kind(Enum):
     FRAMES = "DRAKE_DRAW_FRAMES"
 
 
-_FAMILIES: Final = {
-    "": ILLUSTRATION,
-    "_ILLUSTRATION": ILLUSTRATION,
-    "_PROXIMITY": PROXIMITY,
-    "_INERTIA": INERTIA,
-}
+_FAMILIES: Final = {"": ILLUSTRATION, "_ILLUSTRATION": ILLUSTRATION, "_PROXIMITY": PROXIMITY, "_INERTIA": INERTIA}
 """Family by the end of the name of a channel of links or deformable bodies."""
 _GROUPS: Final = {Kind.CLOUD: "point clouds", Kind.FRAMES: "frames"}
 """Names of the nodes above the point clouds and the frames."""

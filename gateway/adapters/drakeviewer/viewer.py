@@ -107,11 +107,7 @@ class DrakeViewer:
     """
 
     def __init__(
-        self,
-        live: LiveTree,
-        files: MeshFiles,
-        config: DrakeViewerConfig | None = None,
-        state: DrakeState | None = None,
+        self, live: LiveTree, files: MeshFiles, config: DrakeViewerConfig | None = None, state: DrakeState | None = None
     ) -> None:
         """``files``: those that all senders may name. ``state``: that of a viewer that has edited the tree before."""
         self._live = live
@@ -136,11 +132,7 @@ class DrakeViewer:
             return show(edit)
 
     def read(
-        self,
-        channel: Channel,
-        message: wire.Message,
-        files: MeshFiles | None = None,
-        last_number: int | None = None,
+        self, channel: Channel, message: wire.Message, files: MeshFiles | None = None, last_number: int | None = None
     ) -> ShowMessage | None:
         """Read a message; return the function that shows it, None if it changes nothing.
 

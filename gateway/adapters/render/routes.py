@@ -107,11 +107,7 @@ def _openapi_extra(config: RenderConfig) -> dict[str, Any]:
             ),
             "fov_x": _field("number", "Radians; used only if focal_x is missing.", **angle),
             "fov_y": _field("number", "Radians; used only if focal_y is missing.", **angle),
-            "scene_sha256": _field(
-                "string",
-                "SHA-256 of the scene, in hexadecimal; other text is ignored.",
-                **text,
-            ),
+            "scene_sha256": _field("string", "SHA-256 of the scene, in hexadecimal; other text is ignored.", **text),
             LOOK_FIELD: _field("string", f"Shading; default: {config.style.look} (--look).", enum=list(LOOKS)),
             "submit": _field("string", "Ignored; Drake's client sends Render.", **text),
         },

@@ -76,12 +76,7 @@ class StereoService:
         """Counters since start."""
         self._reader = SceneReader(scene, workers, config, has_unapplied_before)
         self._scheduler = FrameScheduler(
-            self.imaging,
-            self._reader,
-            workers,
-            self._publisher,
-            read_settings(self.parameters),
-            on_streaming,
+            self.imaging, self._reader, workers, self._publisher, read_settings(self.parameters), on_streaming
         )
         self.measured: MeasuredImages | None = None
         """Depth images of the last ``measure_depth``; None: there was none."""

@@ -99,10 +99,7 @@ class MeshFiles:
         """Loaded files by real path."""
 
     def load(
-        self,
-        filename: str,
-        scale: tuple[float, float, float] = (1.0, 1.0, 1.0),
-        warnings: list[str] | None = None,
+        self, filename: str, scale: tuple[float, float, float] = (1.0, 1.0, 1.0), warnings: list[str] | None = None
     ) -> tuple[Part, ...]:
         """Return the parts of a mesh file, Z up and in metres, scaled along its axes; append warnings.
 

@@ -104,11 +104,7 @@ class FolderFiles:
 
 
 def read_scene_file(
-    path: Path,
-    *,
-    up: Up = "auto",
-    variant: str | None = None,
-    animation: AnimationTime | None = None,
+    path: Path, *, up: Up = "auto", variant: str | None = None, animation: AnimationTime | None = None
 ) -> SceneFile:
     """Read a ``.gltf`` or ``.glb`` file. Raises SceneFileError if it is not readable, not glTF, or beyond a limit.
 

@@ -35,11 +35,7 @@ class DracoMeshes:
         """Mesh, or the reason why there is none, by the index of the buffer view; None before the first ``read``."""
 
     def read(
-        self,
-        source: schema.DracoCompression,
-        attributes: Mapping[str, Accessor],
-        indices: Accessor | None,
-        name: str,
+        self, source: schema.DracoCompression, attributes: Mapping[str, Accessor], indices: Accessor | None, name: str
     ) -> tuple[dict[str, Accessor], Accessor]:
         """Return the attributes of a primitive, and its vertex indices, three for each triangle, decompressed.
 

@@ -31,11 +31,7 @@ _MAX_HALVINGS: Final = 10
 
 
 def cube_mapped(
-    mesh: Mesh,
-    directions: NDArray[np.floating[Any]],
-    texels: int,
-    images: int,
-    check_vertices: Callable[[int], None],
+    mesh: Mesh, directions: NDArray[np.floating[Any]], texels: int, images: int, check_vertices: Callable[[int], None]
 ) -> Mesh:
     """Return a mesh with texture coordinates in a cube map, cut where its triangles meet several faces of the map.
 

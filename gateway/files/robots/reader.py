@@ -93,13 +93,7 @@ def read_robot(
         return robot
 
 
-def _read(
-    files: RobotFiles,
-    geometry: GeometryUse,
-    keyframe: str,
-    gltf_up: RobotGltfUp,
-    limits: RobotLimits,
-) -> Robot:
+def _read(files: RobotFiles, geometry: GeometryUse, keyframe: str, gltf_up: RobotGltfUp, limits: RobotLimits) -> Robot:
     warnings: list[str] = []
     root = parse_xml(files.read_robot_file(), limits.max_elements, warnings)
     is_xacro = files.path.suffix.lower() == ".xacro"

@@ -321,11 +321,9 @@ class BoundedHttpProtocol(BodyConnection, SlicedReads, HttpToolsProtocol):
         if self._timer is not None:
             self._timer.cancel()
         self.body_progressed = False
-        seconds = {
-            State.IDLE: self.timeout_keep_alive,
-            State.HEAD: HEAD_SECONDS,
-            State.BODY: BODY_SECONDS,
-        }.get(state, DISCARD_SECONDS)
+        seconds = {State.IDLE: self.timeout_keep_alive, State.HEAD: HEAD_SECONDS, State.BODY: BODY_SECONDS}.get(
+            state, DISCARD_SECONDS
+        )
         self._timer = self.loop.call_later(seconds, self._on_timeout)
 
     def _on_timeout(self) -> None:

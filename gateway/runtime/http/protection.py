@@ -44,11 +44,7 @@ class Protection:
     """
 
     def __init__(
-        self,
-        *,
-        hosts: Collection[str] = (),
-        origins: Collection[str] = (),
-        frame_origins: Collection[str] = (),
+        self, *, hosts: Collection[str] = (), origins: Collection[str] = (), frame_origins: Collection[str] = ()
     ) -> None:
         """
         Args:

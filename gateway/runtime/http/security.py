@@ -93,13 +93,7 @@ class Security:
             hosts=settings.trusted_hosts, origins=settings.cors_origins, frame_origins=settings.frame_origins
         )
         app.add_middleware(
-            Edge,
-            metrics=metrics,
-            quiet_paths=quiet_paths,
-            protection=protection,
-            cors=cors,
-            access=access,
-            gate=gate,
+            Edge, metrics=metrics, quiet_paths=quiet_paths, protection=protection, cors=cors, access=access, gate=gate
         )
 
     def log_exposure(self) -> None:

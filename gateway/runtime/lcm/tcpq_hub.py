@@ -18,15 +18,7 @@ import structlog
 
 from gateway.runtime.lcm.config import LcmConfig
 from gateway.runtime.lcm.subscriptions import PatternError, Subscriptions
-from scenegate.lcm.tcpq import (
-    HUB_HELLO,
-    MAGIC_CLIENT,
-    MAX_CHANNEL_BYTES,
-    FrameError,
-    FrameParser,
-    FrameType,
-    publish,
-)
+from scenegate.lcm.tcpq import HUB_HELLO, MAGIC_CLIENT, MAX_CHANNEL_BYTES, FrameError, FrameParser, FrameType, publish
 from scenegate.lcm.transport import MAX_HEADER_BYTES, LcmMessage, LcmUnavailableError
 
 _log = structlog.get_logger("gateway.lcm")

@@ -14,11 +14,7 @@ from scenegate.printable import printable
 
 Format = Literal["auto", "human", "json"]
 
-_LIBRARY_LEVELS = {
-    "asyncio": logging.WARNING,
-    "numba": logging.WARNING,
-    "PIL": logging.WARNING,
-}
+_LIBRARY_LEVELS = {"asyncio": logging.WARNING, "numba": logging.WARNING, "PIL": logging.WARNING}
 """Minimum levels of libraries that are verbose at debug level."""
 
 
@@ -57,8 +53,7 @@ def configure(
     handler = logging.StreamHandler(sys.stderr)
     handler.setFormatter(
         structlog.stdlib.ProcessorFormatter(
-            foreign_pre_chain=shared,
-            processors=[structlog.stdlib.ProcessorFormatter.remove_processors_meta, *last],
+            foreign_pre_chain=shared, processors=[structlog.stdlib.ProcessorFormatter.remove_processors_meta, *last]
         )
     )
     # Our lines name no thread, process or place in the code; finding them takes a fifth of the time for a line.
@@ -78,11 +73,7 @@ def configure(
         logger = logging.getLogger(name)
         logger.handlers[:], logger.propagate = [], propagate
     structlog.configure(
-        processors=[
-            structlog.stdlib.filter_by_level,
-            *shared,
-            structlog.stdlib.ProcessorFormatter.wrap_for_formatter,
-        ],
+        processors=[structlog.stdlib.filter_by_level, *shared, structlog.stdlib.ProcessorFormatter.wrap_for_formatter],
         logger_factory=structlog.stdlib.LoggerFactory(),
         wrapper_class=structlog.stdlib.BoundLogger,
         cache_logger_on_first_use=False,

@@ -25,13 +25,10 @@ class InterfaceSettings(BaseSettings):
         "because its library treats 0.0.0.0 and :: alike.",
     )
     http_port: Port = interface(
-        8000,
-        "HTTP port: render endpoint, scene, docs, health. 0 picks a free port.",
-        flag="--port",
+        8000, "HTTP port: render endpoint, scene, docs, health. 0 picks a free port.", flag="--port"
     )
     only: Interfaces = interface(
-        (),
-        "Start only these interfaces, separated by commas: render, scene, treeviewer, stereo, view.",
+        (), "Start only these interfaces, separated by commas: render, scene, treeviewer, stereo, view."
     )
     foxglove_port: PortOrOff = interface(
         None,
@@ -53,8 +50,7 @@ class InterfaceSettings(BaseSettings):
         "/scene/render and /view/frame.jpg; or a Radiance image (.hdr), the environment map alone.",
     )
     samples: Samples = render(
-        1,
-        "Samples per pixel of colour images. With 1, edges are smoothed by FXAA, as in Drake's RenderEngineVtk.",
+        1, "Samples per pixel of colour images. With 1, edges are smoothed by FXAA, as in Drake's RenderEngineVtk."
     )
     background: Color = render((204, 229, 255), "Background colour, 0 to 255 each.")
     alpha_threshold: float = render(

@@ -28,8 +28,7 @@ class ProcessSettings(BaseSettings):
         "/readyz do not.",
     )
     grpc_token_file: Path | None = access(
-        None,
-        "File with bearer tokens for the image stream. Calls send 'authorization: Bearer TOKEN' as metadata.",
+        None, "File with bearer tokens for the image stream. Calls send 'authorization: Bearer TOKEN' as metadata."
     )
     tcpq_host: str | None = access(
         None,
@@ -87,10 +86,7 @@ class ProcessSettings(BaseSettings):
         le=256,
     )
     unresponsive_seconds: float = limit(
-        30.0,
-        "Time after which a process of --workers that does not respond is killed and replaced.",
-        ge=1,
-        le=3600,
+        30.0, "Time after which a process of --workers that does not respond is killed and replaced.", ge=1, le=3600
     )
     threads: int = limit(
         0,
@@ -145,10 +141,7 @@ class ProcessSettings(BaseSettings):
     )
     max_nodes: int = limit(100_000, "Maximum number of nodes in one posted scene.", ge=1, le=1 << 24)
     max_image_pixels: int = limit(
-        8192 * 8192,
-        "Maximum width times height of one texture of a posted scene.",
-        ge=1,
-        le=1 << 28,
+        8192 * 8192, "Maximum width times height of one texture of a posted scene.", ge=1, le=1 << 28
     )
     cache_bytes: int = limit(
         1 << 30,

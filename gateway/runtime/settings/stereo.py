@@ -80,8 +80,7 @@ class StereoSettings(BaseSettings):
     )
     stereo_seed: int = stereo(0, "Seed of all noise.", ge=0)
     rest_port: PortOrOff = stereo(
-        None,
-        "Additional port for the device's REST interface, which is also at /api of the HTTP port.",
+        None, "Additional port for the device's REST interface, which is also at /api of the HTTP port."
     )
     grpc_certificate: Path | None = stereo(
         None, "PEM certificate. With --grpc-key it turns on TLS for the image stream."

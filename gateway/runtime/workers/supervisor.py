@@ -108,12 +108,7 @@ class Supervisor:
     """Runs processes until a signal."""
 
     def __init__(
-        self,
-        target: Callable[[Connection], object],
-        count: int,
-        *,
-        unresponsive_seconds: float,
-        stop_seconds: float,
+        self, target: Callable[[Connection], object], count: int, *, unresponsive_seconds: float, stop_seconds: float
     ) -> None:
         """Supervise ``count`` processes that run ``target``, which is picklable and gets the connection for
         ``send_heartbeats``.

@@ -156,11 +156,7 @@ class WorkerPool:
         self._mean_seconds = 0.0
 
     async def run(  # type: ignore[valid-type]  # PEP 612 has no place for nbytes
-        self,
-        fn: Callable[P, T],
-        *args: P.args,
-        nbytes: int = 0,
-        **kwargs: P.kwargs,
+        self, fn: Callable[P, T], *args: P.args, nbytes: int = 0, **kwargs: P.kwargs
     ) -> T:
         """Call ``fn`` in a thread, with the caller's context variables, and return its result, or raise its error.
 

@@ -122,10 +122,7 @@ def with_even_noise(image: NDArray[np.uint16], noise_sigma: NDArray[np.float64])
 
 
 def match_features(
-    left: NDArray[np.uint16],
-    right: NDArray[np.uint16],
-    disparity: NDArray[np.uint16],
-    divisor: int,
+    left: NDArray[np.uint16], right: NDArray[np.uint16], disparity: NDArray[np.uint16], divisor: int
 ) -> NDArray[np.float32]:
     """Return the ``FEATURES`` of each pixel, (9, H, W) float32; undefined where there is no match.
 

@@ -17,12 +17,7 @@ from numpy.typing import NDArray
 
 from renderers.interface import Parallel
 from renderers.stereo.depth.depth_images import DepthImages
-from renderers.stereo.depth.match_confidence import (
-    error_and_confidence,
-    match_features,
-    with_even_noise,
-    with_texture,
-)
+from renderers.stereo.depth.match_confidence import error_and_confidence, match_features, with_even_noise, with_texture
 from renderers.stereo.depth.residual_shift import residual_shift, without_local_mean
 from renderers.stereo.model import DISPARITY_SCALE, StereoModel
 from renderers.stereo.sensor.camera_image import SensorImage, fixed_pattern_variance

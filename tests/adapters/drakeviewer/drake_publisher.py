@@ -125,10 +125,7 @@ def main(url: str, seconds: float) -> None:
     results = plant.get_contact_results_output_port().Eval(plant_context)
     found["points"] = [
         {
-            "bodies": [
-                plant.get_body(info.bodyA_index()).name(),
-                plant.get_body(info.bodyB_index()).name(),
-            ],
+            "bodies": [plant.get_body(info.bodyA_index()).name(), plant.get_body(info.bodyB_index()).name()],
             "point": list(info.contact_point()),
             "force": list(info.contact_force()),
         }

@@ -47,12 +47,7 @@ class Seen:
 async def simulated(python: str) -> Seen:
     async with running() as found, hub_of(found) as url:
         done = await asyncio.to_thread(
-            subprocess.run,
-            [python, str(PUBLISHER), url],
-            capture_output=True,
-            text=True,
-            timeout=SECONDS,
-            check=False,
+            subprocess.run, [python, str(PUBLISHER), url], capture_output=True, text=True, timeout=SECONDS, check=False
         )
         assert done.returncode == 0, done.stderr
         # The publisher's last message is of a channel that is not shown; those before it may still be read in a thread.

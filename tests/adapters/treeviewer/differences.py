@@ -110,7 +110,7 @@ CPP_WRAPPER: dict[int, Difference] = {
 }
 
 GEOMS: dict[int, Difference] = {
-    29: Difference(-3, "lies outside", "only files below the folders that the operator opened are looked at"),
+    29: Difference(-3, "lies outside", "only files below the folders that the operator opened are looked at")
 }
 
 NAN = {

@@ -162,11 +162,7 @@ def test_one_invalid_geometry_fails_the_command(viewer: Viewer) -> None:
 
 @pytest.mark.parametrize(
     ("color", "expected"),
-    [
-        ([0.5, 0, 1], (0.5, 0, 1, 1)),
-        ([0.5, 0, 1, 0.25], (0.5, 0, 1, 0.25)),
-        ([5, -1, NAN, 2], (1, 0, 0, 1)),
-    ],
+    [([0.5, 0, 1], (0.5, 0, 1, 1)), ([0.5, 0, 1, 0.25], (0.5, 0, 1, 0.25)), ([5, -1, NAN, 2], (1, 0, 0, 1))],
 )
 def test_clamps_srgb_colours(viewer: Viewer, color: list[float], expected: tuple[float, float, float, float]) -> None:
     viewer.publish({**BOX, "color": color})

@@ -94,8 +94,7 @@ def test_a_mesh_with_an_image(viewer: Viewer) -> None:
 
 
 @pytest.mark.parametrize(
-    ("sizes", "corner"),
-    [({"width": 3}, [1.5, 1]), ({"height": 4}, [3, 2]), ({"width": 1, "height": 4}, [0.5, 2])],
+    ("sizes", "corner"), [({"width": 3}, [1.5, 1]), ({"height": 4}, [3, 2]), ({"width": 1, "height": 4}, [0.5, 2])]
 )
 def test_an_image_on_a_plane(viewer: Viewer, sizes: dict[str, float], corner: list[float]) -> None:
     assert viewer.publish({"type": "image", "image": text(file()), **sizes})["status"] == 0

@@ -9,12 +9,7 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from gateway.adapters.viewer.image_routes import encode_preview
-from gateway.adapters.viewer.sensor_images import (
-    confidence_to_rgb,
-    depth_to_rgb,
-    disparity_to_rgb,
-    shrink_to_width,
-)
+from gateway.adapters.viewer.sensor_images import confidence_to_rgb, depth_to_rgb, disparity_to_rgb, shrink_to_width
 from gateway.runtime.logs.render_record import RenderRecord
 from renderers.encode import png_gray16, png_label, png_rgb, tiff_float32
 

@@ -69,11 +69,7 @@ class World:
             edit.set_parts(("box",), (Part(Box((1, 1, 1)), Material()),))
             edit.set_parts(("cloud",), (Part(self.cloud, Material()),))
         self.config = ViewerConfig(
-            max_side=1024,
-            max_pixels=800_000,
-            max_streams=1,
-            capture_seconds=1000.0,
-            style=Style(rig=Rig(exposure=0.5)),
+            max_side=1024, max_pixels=800_000, max_streams=1, capture_seconds=1000.0, style=Style(rig=Rig(exposure=0.5))
         )
         self.renders: list[RenderRecord] = []
         self.hub = ViewHub(self.config, self.tree, renders=self.renders)

@@ -11,11 +11,7 @@ from numpy.typing import NDArray
 from scenegate.camera import image_interface_pb2 as pb
 from scenegate.recording.ros2_messages import definition
 from tests.client.recording.conftest import write_values
-from tests.client.recording.readers import (
-    foxglove_messages,
-    ros2_messages,
-    rosbags_typesys,
-)
+from tests.client.recording.readers import foxglove_messages, ros2_messages, rosbags_typesys
 
 BASELINE, FOCAL, WIDTH, HEIGHT = 0.16, 540.5, 64, 48
 SCALE = 1 / 16

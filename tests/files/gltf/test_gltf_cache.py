@@ -84,11 +84,7 @@ def test_least_recently_used_meshes_are_dropped_beyond_the_limit() -> None:
 def test_limits_count_known_and_new_meshes_together(indexed: bool) -> None:
     document = partial(scene, indexed=indexed)
     exact = 2 * (300 * 72 + 100 * 12)
-    for limits in (
-        GltfLimits(max_vertices=599),
-        GltfLimits(max_elements=199),
-        GltfLimits(max_mesh_bytes=exact - 1),
-    ):
+    for limits in (GltfLimits(max_vertices=599), GltfLimits(max_elements=199), GltfLimits(max_mesh_bytes=exact - 1)):
         for seen in ((), (1,), (2,)):
             cache = GltfCache()
             for seed in seen:

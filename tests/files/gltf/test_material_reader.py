@@ -373,12 +373,7 @@ def test_texture_transform(transform: dict[str, Any], uv: tuple[float, float], e
     [
         ({}, [{"wrapS": 1}], {}, "samplers[0].wrapS: 1 is not a wrap mode, REPEAT is used"),
         ({}, [], {}, "textures[0].sampler: 0 is out of range (0 samplers); the default sampler is used"),
-        (
-            {"texCoord": 5},
-            [{}],
-            {},
-            "materials[0].emissiveTexture: TEXCOORD_5 is not read, TEXCOORD_0 is used",
-        ),
+        ({"texCoord": 5}, [{}], {}, "materials[0].emissiveTexture: TEXCOORD_5 is not read, TEXCOORD_0 is used"),
         (
             {"extensions": {"KHR_texture_transform": 2}},
             [{}],

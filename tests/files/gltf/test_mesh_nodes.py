@@ -160,10 +160,7 @@ def test_far_from_the_origin_bends_are_exact() -> None:
         (lambda b: b.json["skins"][0].update(joints=[1, 9]), r"skins\[0\]\.joints\[1\]: nodes\[9\] is not part of"),
         (lambda b: b.json["skins"][0].update(joints=[1, 2, 1]), r"skins\[0\]\.joints: a node is there twice"),
         (lambda b: b.json["skins"][0].update(joints=[]), r"skins\[0\]\.joints: there are none"),
-        (
-            lambda b: b.json["skins"][0].update(inverseBindMatrices=0),
-            r"inverseBindMatrices: accessors\[0\]",
-        ),
+        (lambda b: b.json["skins"][0].update(inverseBindMatrices=0), r"inverseBindMatrices: accessors\[0\]"),
         (
             lambda b: b.json["accessors"][5].update(count=2),
             r"skins\[0\]\.inverseBindMatrices: accessors\[5\] does not have 3 float matrices",
@@ -182,10 +179,7 @@ def test_a_skin_that_cannot_be_read_leaves_the_mesh_at_rest(change: Any, message
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        (
-            lambda b: b.json["skins"][0].update(joints=[1, 2]),
-            r"\[0\]: a vertex follows joint 2 of a skin with 2",
-        ),
+        (lambda b: b.json["skins"][0].update(joints=[1, 2]), r"\[0\]: a vertex follows joint 2 of a skin with 2"),
         (
             lambda b: b.json["accessors"][3].update(componentType=5120),
             r"attributes\.JOINTS_0: accessors\[3\] does not have unsigned integers of 8 or 16 bits",

@@ -94,10 +94,7 @@ EMPTY = ("accessors", "bufferViews", "buffers", "cameras", "images", "materials"
         (b"{}", 0),
         (b'{"asset":{"version":"2.0"},"scene":0}', 0),
         (b'{"scene":0,"cameras":[{"type":"perspective","perspective":{"yfov":0.8,"znear":0.1}}]}', 1),
-        (
-            json.dumps(dict.fromkeys(EMPTY) | {"scene": 0, "scenes": [{"name": "Layer 0", "nodes": None}]}).encode(),
-            0,
-        ),
+        (json.dumps(dict.fromkeys(EMPTY) | {"scene": 0, "scenes": [{"name": "Layer 0", "nodes": None}]}).encode(), 0),
         (b'{"asset":null,"scenes":null,"nodes":[null,{"children":null,"mesh":null,"camera":null,"name":null}]}', 0),
         (b'\xef\xbb\xbf \n{"nodes":[]}', 0),
         (b'{"nodes":[{"extras":{"x":NaN,"y":-Infinity}}]}', 0),

@@ -36,8 +36,7 @@ def document(primitives: str, *, sources: str = "", shader: str = "", library: s
     image = '<library_images><image id="i"><init_from> {} </init_from></image></library_images>'
     materials = '<library_materials><material id="m"><instance_effect url="#e"/></material></library_materials>'
     return data.replace('<instance_geometry url="#g"/>', bound).replace(
-        "<library_geometries>",
-        f"{image}<library_effects>{effect}</library_effects>{materials}<library_geometries>",
+        "<library_geometries>", f"{image}<library_effects>{effect}</library_effects>{materials}<library_geometries>"
     )
 
 

@@ -362,8 +362,7 @@ def test_triangles_face_where_their_normals_point() -> None:
 
 @pytest.mark.parametrize("end", ["\n", "\r\n"])
 @pytest.mark.parametrize(
-    ("first", "second"),
-    [("f -3 -2 -1", "f -3 -2 -1 # the last three"), ("f 1 2 \\\n -1", "f -3 \\\n-2\\\n -1")],
+    ("first", "second"), [("f -3 -2 -1", "f -3 -2 -1 # the last three"), ("f 1 2 \\\n -1", "f -3 \\\n-2\\\n -1")]
 )
 def test_negative_indices_of_obj_files_count_from_their_line(first: str, second: str, end: str) -> None:
     data = f"{CORNER_LINES}{first}\nv 0 0 9\nv 2 0 9\nv 0 2 9\n{second}\n".replace("\n", end)

@@ -15,14 +15,7 @@ def test_lights_of_meshes_are_not_published(tmp_path: Path) -> None:
     path = tmp_path / "robot.urdf"
     path.write_text(f'<robot name="r"><link name="a">{visual}</link></robot>')
     robot = read_published_robot(
-        path,
-        roots=(),
-        geometry="visual",
-        keyframe="",
-        gltf_up="y",
-        strict=False,
-        xacro_args={},
-        textures=True,
+        path, roots=(), geometry="visual", keyframe="", gltf_up="y", strict=False, xacro_args={}, textures=True
     )
     assert [[geometry.kind for geometry in link] for link in robot.parts] == [["mesh_data"]]
     (warning,) = robot.warnings

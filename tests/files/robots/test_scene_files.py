@@ -176,11 +176,7 @@ def test_an_unknown_joint_is_an_error(tmp_path: Path) -> None:
             link('<visual/><visual><geometry><sphere radius="1"/></geometry></visual>'),
             "link 'a', visual 1: it has no shape; it is not shown",
         ),
-        (
-            "a.gltf",
-            '{"nodes": [{"scale": "big"}]}',
-            'nodes[0].scale: expected an array, got "big"; it is ignored',
-        ),
+        ("a.gltf", '{"nodes": [{"scale": "big"}]}', 'nodes[0].scale: expected an array, got "big"; it is ignored'),
     ],
 )
 def test_strict_refuses_warnings(tmp_path: Path, name: str, content: str, warning: str) -> None:

@@ -223,10 +223,7 @@ def test_joints_that_cannot_move_stay_at_rest(tmp_path: Path, content: str, mess
 @pytest.mark.parametrize(
     ("content", "message"),
     [
-        (
-            joint("revolute", '<mimic joint="k"/>'),
-            "joint 'j': it mimics 'k', which is not a joint that moves",
-        ),
+        (joint("revolute", '<mimic joint="k"/>'), "joint 'j': it mimics 'k', which is not a joint that moves"),
         (joint("revolute", '<mimic joint="j"/>'), "joint 'j': the joints j mimic each other in a circle; it does not"),
         (joint("floating", '<mimic joint="j"/>'), "joint 'j': it cannot mimic 'j', as one of them has several values"),
     ],

@@ -104,9 +104,7 @@ async def test_characters_may_be_split_between_fragments() -> None:
     assert got[0] == "é"
 
 
-async def test_frames_before_the_handshake_close_the_connection(
-    caplog: pytest.LogCaptureFixture,
-) -> None:
+async def test_frames_before_the_handshake_close_the_connection(caplog: pytest.LogCaptureFixture) -> None:
     answering, answered = asyncio.Event(), asyncio.Event()
     app = FastAPI()
 

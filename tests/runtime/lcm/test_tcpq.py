@@ -30,9 +30,7 @@ FRAMES = st.lists(
 def test_parses_frames_from_any_chunks(frames: list[tuple[FrameType, str, int]], cuts: list[int]) -> None:
     frames_received: list[tuple[FrameType, str, bytes]] = []
     parser = FrameParser(
-        MAGIC_CLIENT,
-        1_000_000,
-        lambda kind, name, data: frames_received.append((kind, name, bytes(data))),
+        MAGIC_CLIENT, 1_000_000, lambda kind, name, data: frames_received.append((kind, name, bytes(data)))
     )
     stream = CLIENT_HELLO
     expected = []

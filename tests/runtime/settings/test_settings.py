@@ -87,12 +87,7 @@ def test_lists_are_split_at_their_separator(monkeypatch: pytest.MonkeyPatch) -> 
     ],
 )
 def test_an_invalid_value_is_one_sentence_with_its_source(
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    flags: dict[str, str],
-    env: dict[str, str],
-    file: str,
-    message: str,
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, flags: dict[str, str], env: dict[str, str], file: str, message: str
 ) -> None:
     for name, value in env.items():
         monkeypatch.setenv(name, value)
@@ -169,11 +164,7 @@ def test_values(name: str, text: str, value: object) -> None:
 @pytest.mark.parametrize(
     ("name", "reason", "texts"),
     [
-        (
-            "background",
-            ".*0 to 255",
-            ("1,2", "1,2,3,4", "", "1,2,-3", "1,2,1.5", "256,0,0", "0,0,256", "1,2,\u0663"),
-        ),
+        ("background", ".*0 to 255", ("1,2", "1,2,3,4", "", "1,2,-3", "1,2,1.5", "256,0,0", "0,0,256", "1,2,\u0663")),
         ("stereo_cameras", "", ("1,2,3", "[1.5]", "|".join([MOUNT] * 16))),
         ("root_path", "", ("proxy", "//host/x", "/a?b", "/a b", "https://host/x")),
         ("frame_origins", "", ("localhost:8888", "http://a;script-src *", "http://a\r\nX: y", "http://a/b")),

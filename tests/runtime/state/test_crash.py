@@ -37,10 +37,7 @@ def request(client: int, number: int) -> bytes:
     mine = f"client {client}"
 
     def pose() -> dict[str, Any]:
-        return {
-            "translation": [chance.random() for _ in range(3)],
-            "quaternion": [chance.random() for _ in range(4)],
-        }
+        return {"translation": [chance.random() for _ in range(3)], "quaternion": [chance.random() for _ in range(4)]}
 
     geometry: list[Any] = []
     kind = chance.randrange(10)

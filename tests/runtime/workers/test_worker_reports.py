@@ -69,11 +69,7 @@ def test_each_process_and_its_state_are_listed(tmp_path: Path) -> None:
     leave(tmp_path, other)
     status, workers = reports.describe("ready")
     assert status == "ready"
-    assert workers == {
-        "count": 2,
-        "this": os.getpid(),
-        "states": {str(os.getpid()): "ready", str(other): "ready"},
-    }
+    assert workers == {"count": 2, "this": os.getpid(), "states": {str(os.getpid()): "ready", str(other): "ready"}}
 
 
 def test_a_process_without_recent_report_is_silent(tmp_path: Path) -> None:

@@ -26,8 +26,7 @@ def drawn(text: str) -> NDArray[np.uint8]:
 
 
 @pytest.mark.parametrize(
-    "text",
-    ["20 °C", "Zażółć gęślą äöüß ñ Å", "Ελληνικά", "Кириллица", "日本語 かな 简体 繁體", "한국어", "≤ ∞ → µ"],
+    "text", ["20 °C", "Zażółć gęślą äöüß ñ Å", "Ελληνικά", "Кириллица", "日本語 かな 简体 繁體", "한국어", "≤ ∞ → µ"]
 )
 @needs_opencv_5
 @pytest.mark.usefixtures("no_machine_fonts")

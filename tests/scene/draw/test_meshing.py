@@ -53,12 +53,7 @@ SOLIDS: list[tuple[Solid, float, float, tuple[float, float, float]]] = [
     (Sphere(0.7), 4 / 3 * math.pi * 0.7**3, 4 * math.pi * 0.49, (0.7, 0.7, 0.7)),
     (Ellipsoid((1, 2, 0.5)), 4 / 3 * math.pi, ellipsoid_area(1, 2, 0.5), (1, 2, 0.5)),
     (Cylinder(0.5, 3), math.pi * 0.75, math.pi * 3 + math.pi * 0.5, (0.5, 0.5, 1.5)),
-    (
-        Capsule(0.5, 3),
-        math.pi * 0.75 + 4 / 3 * math.pi * 0.125,
-        math.pi * 3 + math.pi,
-        (0.5, 0.5, 2.0),
-    ),
+    (Capsule(0.5, 3), math.pi * 0.75 + 4 / 3 * math.pi * 0.125, math.pi * 3 + math.pi, (0.5, 0.5, 2.0)),
     (Capsule(0.5, 0), 4 / 3 * math.pi * 0.125, math.pi, (0.5, 0.5, 0.5)),
 ]
 
@@ -80,8 +75,7 @@ def test_solids_are_closed_and_match_the_formulae(shape: Any, volume: Any, area:
 
 
 @pytest.mark.parametrize(
-    "mesh",
-    [*(meshes_of(shape, MATERIAL)[0][0] for shape, *_ in SOLIDS), primitives.cone(), primitives.capsule(1e-3)],
+    "mesh", [*(meshes_of(shape, MATERIAL)[0][0] for shape, *_ in SOLIDS), primitives.cone(), primitives.capsule(1e-3)]
 )
 def test_unit_meshes_have_unit_outward_normals_that_agree_with_the_winding(mesh: Mesh) -> None:
     np.testing.assert_allclose(np.linalg.norm(mesh.normals, axis=1), 1.0, atol=1e-6)

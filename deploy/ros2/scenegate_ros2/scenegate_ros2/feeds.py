@@ -17,14 +17,7 @@ from scenegate.recording.camera_values import CameraConverter
 from scenegate.recording.mcap_file import EncodedMessage
 from scenegate.recording.scene_mirror import SceneMirror
 from scenegate.recording.sources import camera_sets, scene_frames
-from scenegate.recording.topics import (
-    CLOUD_TOPIC,
-    DISPARITY_TOPIC,
-    JOINTS_TOPIC,
-    SCENE_TOPIC,
-    TF_TOPIC,
-    Profile,
-)
+from scenegate.recording.topics import CLOUD_TOPIC, DISPARITY_TOPIC, JOINTS_TOPIC, SCENE_TOPIC, TF_TOPIC, Profile
 from scenegate.recording.view_frames import ViewFrameError
 from scenegate_ros2.parameters import NodeParameters
 from scenegate_ros2.topics import CLOCK_DEFINITION, CLOCK_TOPIC, CLOCK_TYPE, DEPTH, LEFT, RIGHT, Topics

@@ -97,10 +97,7 @@ def camera_router(*services: StereoService) -> APIRouter:
         return _response(await service.workers.run(npz_bytes, arrays), "application/zip", frame)
 
     @routes.get(
-        "/cameras/{name}/{image}",
-        summary="An image",
-        response_class=Response,
-        responses=_responses("image/png"),
+        "/cameras/{name}/{image}", summary="An image", response_class=Response, responses=_responses("image/png")
     )
     async def image(
         image: Annotated[

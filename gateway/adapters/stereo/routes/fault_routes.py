@@ -32,10 +32,7 @@ _FAULTS_BODY: Final = {
         "required": True,
         "description": "Faults from now on. A field that is left out means no such fault.",
         "content": {
-            "application/json": {
-                "schema": _SCHEMAS["Faults"],
-                "examples": example({"drop": 0.1, "delay": 0.5}),
-            }
+            "application/json": {"schema": _SCHEMAS["Faults"], "examples": example({"drop": 0.1, "delay": 0.5})}
         },
     }
 }

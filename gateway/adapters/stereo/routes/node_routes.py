@@ -190,17 +190,13 @@ def _add_node_routes(routes: APIRouter, base: str, service: StereoService) -> No
         return device.node_info(_current_name(node))
 
     @routes.get(
-        base + "/{node}/status",
-        summary="Status values of a node",
-        responses=STATUS_RESPONSE | node_errors(404),
+        base + "/{node}/status", summary="Status values of a node", responses=STATUS_RESPONSE | node_errors(404)
     )
     async def status(node: NodeName) -> Any:
         return device.node_status(service, _current_name(node))
 
     @routes.get(
-        base + "/{node}/parameters",
-        summary="Parameters of a node",
-        responses=PARAMETERS_RESPONSE | node_errors(404),
+        base + "/{node}/parameters", summary="Parameters of a node", responses=PARAMETERS_RESPONSE | node_errors(404)
     )
     async def parameters(node: NodeName, names: ParameterNames = []) -> Any:  # noqa: B006 - FastAPI copies it
         return _describe(service, _current_name(node), names)
@@ -218,9 +214,7 @@ def _add_node_routes(routes: APIRouter, base: str, service: StereoService) -> No
         return await _set_parameters(service, _current_name(node), await _read_assignments(request))
 
     @routes.get(
-        base + "/{node}/parameters/{name}",
-        summary="A parameter",
-        responses=PARAMETER_RESPONSE | node_errors(404),
+        base + "/{node}/parameters/{name}", summary="A parameter", responses=PARAMETER_RESPONSE | node_errors(404)
     )
     async def parameter(node: NodeName, name: ParameterName) -> Any:
         return _describe(service, _current_name(node), [name])[0]
@@ -237,20 +231,12 @@ def _add_node_routes(routes: APIRouter, base: str, service: StereoService) -> No
 
 
 def _add_service_routes(routes: APIRouter, base: str, service: StereoService) -> None:
-    @routes.get(
-        base + "/{node}/services",
-        summary="Services of a node",
-        responses=SERVICES_RESPONSE | node_errors(404),
-    )
+    @routes.get(base + "/{node}/services", summary="Services of a node", responses=SERVICES_RESPONSE | node_errors(404))
     async def services(node: NodeName) -> Any:
         name = _current_name(node)
         return [device.service_info(name, service_name) for service_name in device.SERVICES[name]]
 
-    @routes.get(
-        base + "/{node}/services/{name}",
-        summary="A service",
-        responses=SERVICE_RESPONSE | node_errors(404),
-    )
+    @routes.get(base + "/{node}/services/{name}", summary="A service", responses=SERVICE_RESPONSE | node_errors(404))
     async def service_info(node: NodeName, name: ServiceName) -> Any:
         return device.service_info(*_find_service(node, name))
 

@@ -13,8 +13,7 @@ FPS = f"{NODES}/rc_camera/parameters/fps"
 
 
 @pytest.mark.parametrize(
-    ("text", "value"),
-    [("true", True), ("TRUE", True), ("false", False), ("False", False), ("1", True), ("0", False)],
+    ("text", "value"), [("true", True), ("TRUE", True), ("false", False), ("False", False), ("1", True), ("0", False)]
 )
 async def test_booleans_in_a_query(rest_client: httpx.AsyncClient, text: str, value: bool) -> None:
     await rest_client.put(f"{NODES}/rc_camera/parameters/exp_auto", json={"value": not value})

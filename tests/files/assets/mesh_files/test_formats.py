@@ -159,11 +159,7 @@ def test_collada_unit_and_up_axis(root: Path, files: MeshFiles, asset: str, expe
 
 @pytest.mark.parametrize(
     ("generator", "expected"),
-    [
-        ("", [(0, 0, 0), (1, 0, 2)]),
-        ("VTK", [(0, 0, 0), (1, 0, 2)]),
-        ("Drake glTF merger", [(0, 0, 0), (1, 2, 0)]),
-    ],
+    [("", [(0, 0, 0), (1, 0, 2)]), ("VTK", [(0, 0, 0), (1, 0, 2)]), ("Drake glTF merger", [(0, 0, 0), (1, 2, 0)])],
 )
 def test_gltf_is_y_up_unless_drake_merged_it(root: Path, files: MeshFiles, generator: str, expected: Any) -> None:
     write(root / "t.gltf", gltf(generator))
