@@ -55,9 +55,10 @@ def test_doubles_big_endian_rows_and_gaps(viewer: Viewer, columns: tuple[int, in
     assert shown(viewer).points.tolist() == values.reshape(-1, 3).tolist()
 
 
-def test_points_that_are_not_finite_are_left_out(viewer: Viewer) -> None:
+@pytest.mark.parametrize("coordinate", [np.nan, np.inf, -np.inf, 1e30, -1e30])
+def test_points_that_are_not_finite_or_far_away_are_left_out(viewer: Viewer, coordinate: float) -> None:
     points = colored()
-    points["xyz"][0, 1] = np.nan
+    points["xyz"][0, 1] = coordinate
     viewer.handle(CHANNEL, cloud(points.tobytes(), 2, [*XYZ, RGB], 16, flags=0))
     assert shown(viewer).points.tolist() == [[4, 5, 6]]
     np.testing.assert_allclose(shown(viewer).channels["rgb"], [(0, 0.4, 1)])

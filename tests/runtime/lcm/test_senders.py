@@ -86,8 +86,10 @@ async def test_own_datagrams_are_local_unless_the_network_is_open(url: str, ttl:
 
 
 @pytest.mark.lcm
-async def test_foreign_datagrams_are_counted_and_dropped(url: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Of short and long messages."""
+async def test_foreign_datagrams_are_counted_and_dropped(
+    url: str, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    """Of short and long messages; the first one is logged."""
     transport = UdpmTransport(url, ("c",), LcmConfig(), 1 << 20)
     monkeypatch.setattr(UdpmTransport, "_is_own", lambda self, address: False)
     received: Received = []
@@ -97,6 +99,8 @@ async def test_foreign_datagrams_are_counted_and_dropped(url: str, monkeypatch: 
         transport.publish("c", bytes(100_000))
         await until(lambda: transport.status()["foreign_datagrams"] == 3)
         assert (received, transport.status()["waiting_bytes"]) == ([], 0)
+        (logged,) = caplog.messages
+        assert "ttl=1" in logged
     finally:
         await transport.close()
 
