@@ -226,13 +226,31 @@ class MjcfGeometry:
             indices = np.stack(corners, axis=-1).reshape(3 * count, -1).astype(np.uint32)
             first_corner, triangles = first_of_equal(indices)
             unique = indices[first_corner]
-            self._meshes[mesh] = Mesh(
+            converted = Mesh(
                 np.ascontiguousarray(positions[unique[:, 0]], np.float32),
                 triangles.reshape(-1, 3),
                 normals=np.ascontiguousarray(normals[unique[:, 1]], np.float32),
                 uv0=None if uv is None else np.ascontiguousarray(uv[unique[:, 2]], np.float32),
             )
+            is_normal_of_vertex = np.array_equal(corners[0], corners[1])
+            self._meshes[mesh] = _with_outward_normals(converted) if is_normal_of_vertex else converted
         return self._meshes[mesh]
+
+
+def _with_outward_normals(mesh: Mesh) -> Mesh:
+    """Return a mesh with computed normals if one of its own points to the back of a triangle, else the mesh.
+
+    MuJoCo computes one normal for each vertex of an STL file. It is the z axis if no triangle there is within 36.9
+    degrees of their mean, as at corners of boxes. MuJoCo's renderer leaves such normals out.
+    """
+    assert mesh.normals is not None
+    a, b, c = (mesh.positions[mesh.elements[:, corner]] for corner in range(3))
+    cosines = np.einsum("fi,fci->fc", np.cross(b - a, c - a), mesh.normals[mesh.elements])
+    if not (cosines < 0.0).any():
+        return mesh
+    from gateway.scene.draw.crease_normals import with_creases  # here, because it loads kernels
+
+    return with_creases(mesh.positions, mesh.elements, uv=mesh.uv0)
 
 
 def _scaled(mesh: Mesh, factors: NDArray[np.float64]) -> Mesh:

@@ -254,6 +254,17 @@ def test_meshes_keep_their_place(tmp_path: Path) -> None:
     assert list(robot.digests) == ["robot.xml", "meshes/t.obj"]
 
 
+def test_normals_of_meshes_are_outward(tmp_path: Path) -> None:
+    """MuJoCo's at corners of a box are the z axis."""
+    vertices = " ".join(f"{x} {y} {z}" for x in (0, 1) for y in (0, 1) for z in (0, 1))
+    mesh = f'<asset><mesh name="box" vertex="{vertices}"/></asset>'
+    robot = read(tmp_path, mjcf('<body><geom type="mesh" mesh="box"/></body>', mesh))
+    box = mesh_of(robot.parts[1][0])
+    assert box.normals is not None
+    for corner in range(3):
+        assert_outward(box.positions[box.elements], box.normals[box.elements[:, corner]])
+
+
 def test_joint_equality_is_a_mimic(tmp_path: Path) -> None:
     body = "".join(
         f'<body><joint name="{name}" type="slide" ref="{ref}"/><geom size="1"/></body>'
