@@ -58,7 +58,7 @@ def load(flags: Mapping[str, Any] | None = None, config: Path | None = None) -> 
         return Settings(**{**from_file, **flags})
     except ValidationError as error:
         sentences = (_sentence(fault, flags, config) for fault in error.errors(include_url=False))
-        raise SettingsError("\n".join(sentences)) from None
+        raise SettingsError(" ".join(sentences)) from None
 
 
 def unknown_environment() -> list[str]:
@@ -98,7 +98,7 @@ def _read_file(path: Path) -> dict[str, Any]:
     if unknown := [
         f"{name} in {path} is not a setting{_suggestion(name, known)}" for name in values if name not in known
     ]:
-        raise SettingsError("\n".join(unknown))
+        raise SettingsError(" ".join(unknown))
     return values
 
 
