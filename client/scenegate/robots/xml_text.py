@@ -286,11 +286,12 @@ def _positive(element: Element, name: str, *values: float) -> tuple[float, ...]:
 
 
 def read_color(element: Element, name: str, where: str, warnings: list[str]) -> tuple[float, float, float, float]:
-    """Return an attribute as sRGB and opacity, 0 to 1. Without an opacity, it is 1."""
+    """Return an attribute as sRGB and opacity, 0 to 1. Without an opacity, or with surplus numbers, it is 1."""
     values: tuple[float, ...] = finite_numbers(element.get(name, ""))
-    if len(values) == 3:
-        warnings.append(f"{where}: {name}={element.get(name)!r} has no opacity, 1 is used")
-        values = (*values, 1.0)
+    if len(values) == 3 or len(values) > 4:
+        shown = f"{name}={element.get(name, '')[:60]!r} has {len(values)} numbers"
+        warnings.append(f"{where}: {shown}: the first 3 are used, with the opacity 1")
+        values = (*values[:3], 1.0)
     else:
         values = numbers(element, name, (1.0, 1.0, 1.0, 1.0), where, warnings)
     r, g, b, a = values

@@ -179,7 +179,8 @@ def test_an_invalid_pose_is_the_identity(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("rgba", "expected", "message"),
     [
-        ("1 0 0", (1, 0, 0, 1), "has no opacity, 1 is used"),
+        ("1 0 0", (1, 0, 0, 1), "has 3 numbers: the first 3 are used, with the opacity 1"),
+        ("1 0 0 0 1", (1, 0, 0, 1), "has 5 numbers: the first 3 are used, with the opacity 1"),
         ("1,0,0,1", (1, 0, 0, 1), "has commas"),
         ("255 0 0 255", (1, 0, 0, 1), "is read as 0 to 255"),
         ("255 0 0 1", (1, 0, 0, 1), "is read as 0 to 255"),
