@@ -18,12 +18,19 @@ JSON_PATHS: Final = ("/api/", "/stereo/")
 """Beginnings of the paths whose error responses are JSON, as the stereo camera's; all others are text."""
 
 
+def _refusal(request: Request, status: int, sentence: str, headers: Mapping[str, str] | None = None) -> Response:
+    if request.url.path.startswith(JSON_PATHS):
+        content = {"message": sentence, "return_code": {"value": -1, "message": sentence}}
+        return JSONResponse(content, status, headers)
+    return PlainTextResponse(f"{sentence}\n", status, headers)
+
+
 def redirect(path: str, query: str, status: int) -> Response:
     """Return a redirect to a path relative to that of the request: a proxy may have removed the beginning of it."""
     return Response(status_code=status, headers={"Location": f"{path}?{query}" if query else path})
 
 
-async def not_allowed(request: Request, error: Exception) -> PlainTextResponse:
+async def not_allowed(request: Request, error: Exception) -> Response:
     """Return 405 with all methods of the path in Allow (RFC 9110, 15.5.6); Starlette has those of one route only."""
     allowed = [
         method
@@ -34,7 +41,7 @@ async def not_allowed(request: Request, error: Exception) -> PlainTextResponse:
         allowed.insert(allowed.index("GET") + 1, "HEAD")
     methods = ", ".join(allowed)
     headers = {"Allow": methods} if methods else getattr(error, "headers", None)
-    return PlainTextResponse(f"{request.method} is not possible here; {methods or 'nothing'} is.\n", 405, headers)
+    return _refusal(request, 405, f"{request.method} is not possible here; {methods or 'nothing'} is.", headers)
 
 
 async def not_found(request: Request, error: Exception) -> Response:
@@ -45,18 +52,13 @@ async def not_found(request: Request, error: Exception) -> Response:
     sentence = (
         f"Nothing is at {path[:_MAX_ECHO]} here. /docs describes what there is; /healthz tells which interfaces run."
     )
-    if path.startswith(JSON_PATHS):
-        return JSONResponse({"message": sentence, "return_code": {"value": -1, "message": sentence}}, 404)
-    return PlainTextResponse(f"{sentence}\n", 404)
+    return _refusal(request, 404, sentence)
 
 
 async def invalid_parameters(request: Request, error: Exception) -> Response:
     """Return 422 with one sentence that names every invalid parameter, its limit and its value."""
     assert isinstance(error, RequestValidationError)
-    sentence = f"{'; '.join(map(_reason, error.errors()))}."
-    if request.url.path.startswith(JSON_PATHS):
-        return JSONResponse({"message": sentence}, 422)
-    return PlainTextResponse(f"{sentence}\n", 422)
+    return _refusal(request, 422, f"{'; '.join(map(_reason, error.errors()))}.")
 
 
 def _reason(fault: Mapping[str, Any]) -> str:

@@ -106,4 +106,13 @@ async def test_invalid_parameters_are_one_sentence_with_name_limit_and_value() -
     assert one.headers["content-type"] == "text/plain; charset=utf-8"
     assert "rate: Input should be greater than 0, got '0'." in two.text
     assert len(two.text) < 400
-    assert (camera.status_code, camera.json()) == (422, {"message": sentence})
+    assert (camera.status_code, camera.json()["message"]) == (422, sentence)
+
+
+async def test_error_responses_of_the_stereo_camera_are_json() -> None:
+    async with listening(World().app) as port, httpx2.AsyncClient(base_url=f"http://127.0.0.1:{port}") as http:
+        for refused in (await http.get("/api/v1/log", params={"limit": 0}), await http.post("/api/v1/log")):
+            message = refused.json()["message"]
+            assert refused.json()["return_code"] == {"value": -1, "message": message}
+    assert (refused.status_code, refused.headers["allow"]) == (405, "GET, HEAD")
+    assert "POST" in message
