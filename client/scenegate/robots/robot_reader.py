@@ -92,15 +92,25 @@ def read_robot(
 def parse_links(
     root: Element, files: RobotFiles, use: GeometryUse, limits: RobotFileLimits, warnings: list[str]
 ) -> LinkModel:
-    """Return the content of a URDF or SDF file. Warnings are appended to the list."""
+    """Return the content of a URDF or SDF file. Warnings are appended to the list, notes to those of ``files``.
+
+    In place of visual geometry, a robot that has none gets its collision geometry.
+    """
     if use not in get_args(GeometryUse):
         raise RobotFileError(f"geometry must be 'visual' or 'collision', not {describe(use)}")
     if root.tag == "robot":
-        return parse_urdf(root, use, limits, warnings)
-    if root.tag in ("sdf", "gazebo"):  # gazebo: SDF before version 1.3
-        return parse_sdf(root, files, use, limits, warnings)
-    start = f"its first element is <{root.tag[:60]}>"
-    raise RobotFileError(f"{start}; URDF starts with <robot>, SDF with <sdf>, MJCF with <mujoco>")
+        model = parse_urdf(root, use, limits, warnings)
+    elif root.tag in ("sdf", "gazebo"):  # gazebo: SDF before version 1.3
+        model = parse_sdf(root, files, use, limits, warnings)
+    else:
+        start = f"its first element is <{root.tag[:60]}>"
+        raise RobotFileError(f"{start}; URDF starts with <robot>, SDF with <sdf>, MJCF with <mujoco>")
+    if use == "visual" and not any(link.geometries for link in model.links):
+        collision = parse_links(root, files, "collision", limits, warnings)
+        if any(link.geometries for link in collision.links):
+            files.notes.append("it has no visual geometry; its collision geometry is drawn")
+            return collision
+    return model
 
 
 @contextmanager

@@ -14,6 +14,7 @@ from renderers.drawlist import AlphaMode
 from scenegate.messages.geometry import Box, Capsule, Cylinder, Ellipsoid, Sphere
 from scenegate.robots.robot import JointValue
 from scenegate.robots.robot_errors import RobotFileError
+from scenegate.robots.robot_reader import read_robot as read_robot_of_client
 from scenegate.robots.xml_text import pose_of_rpy
 from tests.files.robots.files import ARM, link, read, visual, write
 
@@ -52,6 +53,14 @@ def test_collision_geometry_is_read_on_request(tmp_path: Path) -> None:
     assert [[part.shape for part in parts] for parts in robot.parts] == [[], [Sphere(0.2)], [], [], []]
     with pytest.raises(ValueError, match=r"'visual' or 'collision'.* 'visal'"):
         read_robot(tmp_path / "robot.urdf", geometry="visal")  # type: ignore[arg-type]  # refused at run time
+
+
+def test_a_robot_without_visual_geometry_has_its_collision_geometry(tmp_path: Path) -> None:
+    path = write(tmp_path, ARM.replace("<visual>", "<ignored>").replace("</visual>", "</ignored>"))
+    for robot in read_robot(path), read_robot_of_client(path):
+        assert [len(parts) for parts in robot.parts] == [0, 1, 0, 0, 0]
+        assert ["collision" in note for note in robot.notes] == [True]
+        assert not robot.warnings
 
 
 def test_a_robot_without_a_name_has_that_of_its_file(tmp_path: Path) -> None:
