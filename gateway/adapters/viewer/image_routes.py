@@ -27,6 +27,8 @@ from renderers.encode import png_rgb
 from renderers.interface import LookName
 
 NO_STORE: Final = {"Cache-Control": "no-store"}
+_UNBUFFERED: Final = {**NO_STORE, "X-Accel-Buffering": "no"}
+"""For streams: nginx would keep the end of each image, up to 4 KiB, until the next one begins."""
 _DEFAULTS: Final = ViewerConfig()
 
 
@@ -151,7 +153,7 @@ def _add_scene_routes(router: APIRouter, images: SceneImages) -> None:
         closing: Callable[[], bool] = getattr(request.app.state, "closing", lambda: False)  # of ``cli.serve_app``
         parts = images.stream(image_request, min(query.rate, config.max_stream_rate), closing)
         media_type = f"multipart/x-mixed-replace; boundary={BOUNDARY.decode()}"
-        return StreamingResponse(parts, media_type=media_type, headers=NO_STORE)
+        return StreamingResponse(parts, media_type=media_type, headers=_UNBUFFERED)
 
 
 def _add_sensor_routes(router: APIRouter, sensor: SensorImages | None) -> None:

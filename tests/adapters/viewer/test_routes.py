@@ -370,6 +370,7 @@ async def test_streams_have_the_requested_rate_up_to_the_limit(
     monkeypatch.setattr(world.images, "stream", recorded)
     world.app.state.closing = lambda: True
     response = await world.http.get(f"/view/stream.mjpg?width=32&height=24{query}")
+    assert response.headers["x-accel-buffering"] == "no", "nginx would keep the end of each image"
     assert (response.status_code, response.content) == (200, b"")
     assert response.headers["content-type"] == "multipart/x-mixed-replace; boundary=scenegate-frame"
     assert rates == [rate]
