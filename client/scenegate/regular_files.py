@@ -1,6 +1,6 @@
 """Reads files by path, and only regular ones: a named pipe or a device could block, or never end.
 
-A path on the command line may be a pipe: ``read_file_or_pipe``.
+A path on the command line may be a pipe: ``read_file_or_pipe``. ``write_whole`` writes a file.
 """
 
 import errno
@@ -22,6 +22,18 @@ _LFS_POINTER: Final = b"version https://git-lfs.github.com/spec/"
 """Start of the file that a clone has in place of a large one, if Git LFS is not installed."""
 _POLL_MILLISECONDS: Final = 50
 """Time between two calls of ``check`` while a pipe has no data."""
+
+
+def write_whole(path: Path, data: bytes | memoryview) -> None:
+    """Write a file. If it cannot be written to its end, as on a full disk, remove it, and name it in the error."""
+    try:
+        path.write_bytes(data)
+    except OSError as error:
+        if error.filename is None:  # it could be opened
+            error.filename = os.fspath(path)
+            if path.is_file():  # not a device
+                path.unlink()
+        raise
 
 
 def open_regular(path: str | os.PathLike[str], *, follow_links: bool = True) -> BinaryIO:

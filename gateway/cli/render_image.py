@@ -18,6 +18,7 @@ from renderers.stop import run_within
 from scenegate.cli.output import print_note
 from scenegate.datasets import manifest
 from scenegate.datasets.manifest import Settings
+from scenegate.regular_files import write_whole
 
 
 def render_image(
@@ -57,9 +58,9 @@ def _render_image(path: Path, out: Path, settings: Settings, views: tuple[View, 
     renderer = CpuRenderer(threads)
     images = render_images(renderer, scene, camera, {image_type: suffix}, style_of(settings))
     out.parent.mkdir(parents=True, exist_ok=True)
-    out.write_bytes(images[image_type])
+    write_whole(out, images[image_type])
     if image_type == "label":
-        out.with_suffix(".labels.json").write_bytes(manifest.encode_indented(scene.description.labels))
+        write_whole(out.with_suffix(".labels.json"), manifest.encode_indented(scene.description.labels))
     for warning in (*scene.description.warnings, rig_warning(scene, settings), view_hint(renderer, scene, camera)):
         if warning is not None:
             print_note(f"{path}: {warning}")

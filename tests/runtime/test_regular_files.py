@@ -3,6 +3,7 @@
 import hashlib
 import os
 import re
+import resource
 import threading
 from collections.abc import Callable
 from pathlib import Path
@@ -10,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from renderers.stop import StopFlag, check_stop
-from scenegate.regular_files import open_regular, read_file_or_pipe, read_regular, read_text, sha256_of
+from scenegate.regular_files import open_regular, read_file_or_pipe, read_regular, read_text, sha256_of, write_whole
 from tests.support.waiting import SECONDS
 
 
@@ -33,6 +34,24 @@ def test_reads_bytes_and_text(tmp_path: Path) -> None:
         assert file.read(2) == "ä".encode()
         assert not os.get_inheritable(file.fileno())
     assert sha256_of(path) == hashlib.sha256(content).hexdigest()
+
+
+def test_a_file_that_cannot_be_written_to_its_end_is_removed(tmp_path: Path) -> None:
+    path, device = tmp_path / "file", Path("/dev/full")
+    before, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (1000, hard))
+    try:
+        with pytest.raises(OSError, match="File too large") as refused:
+            write_whole(path, bytes(2000))
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (before, hard))
+    assert (refused.value.filename, path.exists()) == (str(path), False)
+    with pytest.raises(OSError, match="No space left") as refused:
+        write_whole(device, b"data")
+    assert refused.value.filename == str(device)
+    assert device.exists()
+    write_whole(path, b"data")
+    assert path.read_bytes() == b"data"
 
 
 def test_a_pointer_of_git_lfs_is_refused(tmp_path: Path) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import math
 from pathlib import Path
 from typing import Any, Final, NamedTuple
@@ -13,6 +14,7 @@ from scenegate.camera import image_interface_pb2 as pb
 from scenegate.messages.arguments import describe
 from scenegate.pillow import pillow
 from scenegate.png import encode_png
+from scenegate.regular_files import write_whole
 
 _MAX_PREVIEW_SIZE = (640, 480)
 """Maximum width and height of each image in a preview, in pixels."""
@@ -159,13 +161,15 @@ def save(image_set: pb.ImageSet, folder: str | Path, *, exposure: bool = False, 
     if image_set.HasField("disparity"):
         disparity = image_set.disparity
         suffix = _gpio_suffix(disparity.image) if gpio else ""
-        (folder / f"{file_stem}_disparity{suffix}_param.txt").write_text(parameter_text(disparity), "ascii")
+        write_whole(folder / f"{file_stem}_disparity{suffix}_param.txt", parameter_text(disparity).encode("ascii"))
         arrays["depth"] = depth(disparity)
         arrays["baseline"], arrays["scale"] = np.float64(disparity.baseline), np.float64(disparity.scale)
     if arrays:
-        np.savez(folder / f"{file_stem}.npz", allow_pickle=False, **arrays)
+        file = io.BytesIO()
+        np.savez(file, allow_pickle=False, **arrays)
+        write_whole(folder / f"{file_stem}.npz", file.getbuffer())
     if image_set.HasField("mesh"):
-        (folder / f"{file_stem}_mesh.{image_set.mesh.format}").write_bytes(image_set.mesh.data)
+        write_whole(folder / f"{file_stem}_mesh.{image_set.mesh.format}", image_set.mesh.data)
 
 
 def parameter_text(disparity: pb.DisparityImage) -> str:
@@ -269,7 +273,7 @@ def write_image(path: Path, array: NDArray[Any]) -> None:
         OSError: the file cannot be written, or the suffix is unknown.
     """
     if path.suffix.lower() in ("", ".png"):
-        path.write_bytes(encode_png(array))
+        write_whole(path, encode_png(array))
         return
     image_module = pillow()
     try:

@@ -17,6 +17,7 @@ from scenegate.camera import files
 from scenegate.camera import image_interface_pb2 as pb
 from scenegate.credentials import Credentials
 from scenegate.gateway_http import fetch, parse_address
+from scenegate.regular_files import write_whole
 
 METHOD = "/ImageInterface/StreamImageSets"
 """The gRPC method of the stream."""
@@ -229,7 +230,7 @@ def receive_all(options: StreamOptions, report: Callable[[Progress], None] = lam
             files.save(image_set, options.output, exposure=options.exposure, gpio=options.gpio)
             if options.truth is not None:
                 truth = fetch_truth(options.truth, progress.timestamp, options.credentials, options.pipeline)
-                (options.output / f"image_{progress.timestamp}_truth.npz").write_bytes(truth)
+                write_whole(options.output / f"image_{progress.timestamp}_truth.npz", truth)
         if options.preview is not None:
             files.write_image(options.preview, files.preview(image_set))
         report(progress)
