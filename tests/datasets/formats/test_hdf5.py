@@ -1,5 +1,7 @@
 """HDF5, read by h5py."""
 
+import errno
+import shutil
 from pathlib import Path
 
 import numpy as np
@@ -41,6 +43,16 @@ def test_samples_without_objects_have_the_same_fields(tmp_path: Path) -> None:
         for none, some in pairs:
             assert none.shape == (0, *some.shape[1:])
             assert none.dtype == some.dtype
+
+
+def test_a_disk_that_would_be_full_is_an_error(analytic: Dataset, dest: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """HDF5 ends the process with a segmentation fault if it cannot write."""
+    usage = shutil.disk_usage(dest.parent)
+    monkeypatch.setattr(shutil, "disk_usage", lambda path: usage._replace(free=1 << 20))
+    with pytest.raises(OSError, match="No space left") as refused:
+        export(analytic, dest, "hdf5")
+    assert (refused.value.errno, refused.value.filename) == (errno.ENOSPC, str(dest))
+    assert not any(dest.parent.glob(f"*{dest.name}*"))
 
 
 def test_no_object_has_a_time(analytic: Dataset, dest: Path) -> None:

@@ -98,8 +98,10 @@ def export(
         if check_destination(destination, dataset.folder, format_name, replace=replace) is not None:
             shutil.rmtree(destination)
         temporary.replace(destination)
-    except BaseException:
+    except BaseException as error:
         shutil.rmtree(temporary, ignore_errors=True)
+        if isinstance(error, OSError) and error.filename is None:  # of writing, as on a full disk
+            error.filename = str(destination)
         raise
     return True
 
