@@ -11,7 +11,7 @@ folder=$(mktemp -d)
 trap 'rm -rf "$folder"' EXIT
 cd "$folder"
 python3 -m venv venv
-venv/bin/pip install --quiet --disable-pip-version-check matplotlib==3.11.2 pillow==13.0.0 tifffile
+venv/bin/pip install --quiet --disable-pip-version-check matplotlib==3.11.2 pillow==13.0.0 tifffile==2026.3.3
 
 cat >read.py <<'PYTHON'
 import numpy as np
