@@ -57,8 +57,9 @@ def test_renders_by_type_and_outcome(figures: dict[str, float]) -> None:
     assert figures['scenegate_renders_total{outcome="ok",type="color"}'] == 2
     assert figures['scenegate_renders_total{outcome="ok",type="label"}'] == 1
     assert figures['scenegate_renders_total{outcome="rejected",type="unknown"}'] == 1
-    for stage in ("queue", "parse", "render", "encode"):
+    for stage in ("receive", "form", "queue", "parse", "render", "encode", "send"):
         assert figures[f'scenegate_render_stage_duration_seconds_count{{stage="{stage}"}}'] == 4
+        assert 0 <= figures[f'scenegate_render_stage_duration_seconds_sum{{stage="{stage}"}}'] < SECONDS
     assert figures["scenegate_render_waiting_limit"] == 256
 
 

@@ -169,6 +169,9 @@ async def test_switching_auto_exposure_off_keeps_its_result(start: Start) -> Non
     assert (values["wb_ratio_red"], values["wb_ratio_blue"]) == (2.0, 2.4)
     two = await capture_set(camera, left_enabled=True)
     assert two.left.exposure_time == pytest.approx(image_set.left.exposure_time)
+    set_("rc_camera", [("exp_value", 0.01)])
+    set_("rc_camera", [("fps", 10.0)])
+    assert values["exp_value"] == 0.01, "only the switch sets it"
 
 
 async def test_switching_automatic_white_balance_off_keeps_its_result_once(start: Start) -> None:
