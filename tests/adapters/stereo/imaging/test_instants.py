@@ -129,7 +129,8 @@ def test_velocities_after_a_rest_begin_with_the_last_frame() -> None:
 
 def test_without_a_recent_frame_the_scene_is_read_again() -> None:
     now = state(10 * SLOWEST_MOTION, 10 * SLOWEST_MOTION)
-    for last in (None, state(now.timestamp - 2 * VELOCITY_TIME, 0), state(now.timestamp + 1, 0)):
+    too_old, same, later = (state(now.timestamp + shift, 0) for shift in (-2 * VELOCITY_TIME, 0, 1))
+    for last in (None, too_old, same, later):
         times: list[int] = []
 
         def read(timestamp: int, times: list[int] = times) -> SceneState:
