@@ -60,8 +60,9 @@ def read_mjcf(root: Element, files: RobotFiles, use: GeometryUse, keyframe: str,
     warnings = tuple(f"{count} {what} are not shown" for count, what in left_out if count)
     name = root.get("model") or files.path.stem
     kinematics = _Kinematics(mujoco, model, joints)
-    warnings = (*warnings, *converter.warnings, *compiler_warnings)
-    return Robot(name, links, joints, parts, kinematics, warnings, digests=files.digests)
+    notes = tuple(text for text in compiler_warnings if " is deprecated " in text)  # of MuJoCo 4, about masses
+    warnings = (*warnings, *converter.warnings, *(text for text in compiler_warnings if text not in notes))
+    return Robot(name, links, joints, parts, kinematics, warnings, notes, files.digests)
 
 
 def _compiled(mujoco: Any, path: Path, limits: RobotLimits) -> tuple[Any, list[str]]:

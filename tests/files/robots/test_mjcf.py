@@ -324,16 +324,17 @@ def test_what_needs_a_missing_file_is_left_out(tmp_path: Path) -> None:
     assert sorted(left_out) == ["asset 'h'", "asset 'no'", "asset 't'"]
 
 
-def test_warnings_of_the_compiler_are_the_robots(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_deprecations_are_notes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """MuJoCo would write them to a file in the working directory."""
     import mujoco
 
     monkeypatch.chdir(tmp_path)
-    robot = read(tmp_path, mjcf('<body><joint/><geom size="1"/></body>', '<compiler settotalmass="1"/>'))
+    body = '<body><joint/><geom size="1"/></body>'
+    robot = read(tmp_path, mjcf(body, '<compiler settotalmass="1"/>'), strict=True)
     assert not (tmp_path / "MUJOCO_LOG.TXT").exists()
     if mujoco.__version__ >= "4":  # earlier versions have nothing against it
-        (warning,) = robot.warnings
-        assert warning.startswith("MuJoCo: compiler attribute 'settotalmass' is deprecated")
+        (note,) = robot.notes
+        assert note.startswith("MuJoCo: compiler attribute 'settotalmass' is deprecated")
 
 
 def test_included_files_are_recorded(tmp_path: Path) -> None:
