@@ -27,17 +27,18 @@ _FACES: Final = {
 _CORNERS: Final = {5: 3, _PIXEL: 4, _QUAD: 4, _TETRAHEDRON: 4, _VOXEL: 8, _HEXAHEDRON: 8, _WEDGE: 6, _PYRAMID: 5}
 """Number of corners by cell type, where it is the same for all cells."""
 _LINEAR: Final = {
-    5: (22, 34),
-    _QUAD: (23, 28, 30),
-    _TETRAHEDRON: (24,),
-    _HEXAHEDRON: (25, 29, 33),
-    _WEDGE: (26, 31, 32),
-    _PYRAMID: (27, 37),
+    5: (22, 34, 69, 76),
+    _QUAD: (23, 28, 30, 70, 77),
+    _TETRAHEDRON: (24, 71, 78),
+    _HEXAHEDRON: (25, 29, 33, 72, 79),
+    _WEDGE: (26, 31, 32, 73, 80),
+    _PYRAMID: (27, 37, 74, 81),
 }
-"""Quadratic types by the linear type with the same corners. Their points between the corners come after those."""
+"""Curved types (quadratic ones, Lagrange's from 69, Bézier's from 76) by the linear type with the same corners. Their
+other points come after the corners."""
 _VERTICES: Final = (1, 2)
 """Cell types that are points."""
-_WITHOUT_SURFACE: Final = (0, *_VERTICES, 3, 4, 21, 35)
+_WITHOUT_SURFACE: Final = (0, *_VERTICES, 3, 4, 21, 35, 68, 75)
 """Cell types that are points or lines."""
 _DATA_SETS: Final = (b"polydata", b"unstructured_grid", b"structured_grid")
 _SECTIONS: Final = {b"vertices": 2, b"lines": 4, b"polygons": _POLYGON, b"triangle_strips": _STRIP}
@@ -271,8 +272,8 @@ def _triangles(
     if len(types) != len(sizes):
         raise MeshFaultError(f"it has {len(types)} types for {len(sizes)} cells")
     starts = np.cumsum(sizes) - sizes
-    for linear, quadratic in _LINEAR.items():
-        types[np.isin(types, quadratic)] = linear
+    for linear, curved in _LINEAR.items():
+        types[np.isin(types, curved)] = linear
     known = np.isin(types, (_STRIP, _POLYGON)) & (sizes >= 3)
     for kind, count in _CORNERS.items():
         has_corners = (types == kind) & (sizes >= count)
