@@ -12,7 +12,7 @@ trap 'rm -rf "$folder"' EXIT
 cd "$folder"
 python3 -m venv venv
 venv/bin/pip install --quiet --disable-pip-version-check \
-  pybag-sdk==0.13.0 rosbags==0.11.9 mcap==1.6.0 mcap-ros2-support==0.6.0 numpy
+  pybag-sdk==0.13.0 rosbags==0.11.9 mcap==1.6.0 mcap-ros2-support==0.6.0 numpy==2.4.6
 
 cat >joints.py <<'PYTHON'
 from pathlib import Path
