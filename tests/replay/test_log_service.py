@@ -25,7 +25,9 @@ async def test_the_live_tree_has_the_last_state_of_the_part_that_is_indexed(
     )
     running = asyncio.create_task(service.run())
     await until(lambda: service.timeline.is_fully_indexed and x_of(service.tree.snapshot) == 4.0)
+    assert service.ready
     running.cancel()
     await asyncio.gather(running, return_exceptions=True)
+    assert not service.ready
     assert shown == sorted(shown)
     assert {1.0, 2.0, 3.0} & set(shown)

@@ -154,6 +154,21 @@ async def test_the_status_counts_render_requests() -> None:
             pass
 
 
+async def test_updates_between_two_status_frames_send_none() -> None:
+    asked: list[Status] = []
+    tree = box_tree()
+    hub = ViewHub(replace(QUICK, status_seconds=3600.0), tree, status=lambda: asked.append(Status()) or asked[-1])
+    async with running(hub):
+        client = Client(hub.connect())
+        counts = []
+        for x in (1.0, 2.0, 3.0):  # the first may come before the status of the start
+            await client.update()
+            client.browser.acknowledge()
+            counts.append(len(asked))
+            move(tree, x)
+    assert counts[2] == counts[1]
+
+
 async def test_frames_end_when_the_hub_is_cancelled() -> None:
     async with running(ViewHub(QUICK, LiveTree())) as view:
         await asyncio.sleep(0)

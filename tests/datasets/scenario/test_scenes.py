@@ -29,7 +29,7 @@ from gateway.datasets.views import CameraFile, SceneCamera, View, camera_of
 from gateway.datasets.worker import run_task
 from gateway.scene.draw.flatten import flatten
 from gateway.scene.draw.style import Style
-from gateway.scene.tree.transforms import translation
+from gateway.scene.tree.transforms import from_pose, translation
 from renderers.light_rig import STUDIO
 from renderers.raster import CpuRenderer
 from scenegate.datasets import manifest
@@ -176,6 +176,18 @@ def test_settled_objects_stay_when_they_drop_again(write: Write) -> None:
     for before, after in zip(poses, again, strict=True):
         assert after is not None
         np.testing.assert_allclose(after, before, atol=2e-3)
+
+
+@pytest.mark.parametrize("points", [np.eye(3)[:2], np.eye(3)], ids=["a line", "a triangle"])
+def test_flat_objects_come_to_rest(points: NDArray[np.float64]) -> None:
+    pytest.importorskip("mujoco")
+    from gateway.datasets.scenario.physics import MIN_THICKNESS, settle
+
+    floor = CollisionSolid((np.array(list(itertools.product((-3.0, 3.0), (-3.0, 3.0), (-1.0, 0.0)))),))
+    (pose,) = settle([(CollisionSolid((points,)), from_pose((0, 0, 0.1), (1, 0, 0, 0)))], [floor], 20.0)
+    assert pose is not None
+    heights = points @ pose[2, :3] + pose[2, 3]
+    assert 0.0 < heights.min() <= heights.max() < 2 * MIN_THICKNESS
 
 
 def test_a_scene_is_made_again_from_its_record_without_physics(
