@@ -155,9 +155,14 @@ async def test_the_status_counts_render_requests() -> None:
 
 
 async def test_updates_between_two_status_frames_send_none() -> None:
-    asked: list[Status] = []
+    asked: list[None] = []
+
+    def status() -> Status:
+        asked.append(None)
+        return Status()
+
     tree = box_tree()
-    hub = ViewHub(replace(QUICK, status_seconds=3600.0), tree, status=lambda: asked.append(Status()) or asked[-1])
+    hub = ViewHub(replace(QUICK, status_seconds=3600.0), tree, status=status)
     async with running(hub):
         client = Client(hub.connect())
         counts = []
