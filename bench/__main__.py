@@ -6,8 +6,6 @@ lacks its peer becomes a row with the reason. PYTHON is an interpreter with vtk,
 that need it are skipped without it.
 """
 
-from __future__ import annotations
-
 import argparse
 import json
 import os

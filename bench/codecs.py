@@ -7,8 +7,6 @@ one thread. Every file is read back bit for bit by Pillow and, depth, by tifffil
 default. The reader's table says what its columns are.
 """
 
-from __future__ import annotations
-
 import io
 from collections.abc import Callable, Iterator
 from functools import partial

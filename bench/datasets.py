@@ -8,8 +8,6 @@ normals, shadows or annotations, and writes them with OpenCV; as many processes 
 include start, reading and writing. Ours comes first, since pyrender takes the views from its manifest.
 """
 
-from __future__ import annotations
-
 import argparse
 import os
 import subprocess

@@ -9,8 +9,6 @@ CPU time per message. Ours ends when the live tree is changed; meldis ends when 
 Meshcat has encoded everything for a browser. Neither has one.
 """
 
-from __future__ import annotations
-
 import argparse
 import math
 import os

@@ -3,8 +3,6 @@
 Prints milliseconds of CPU time per message: decoding, and the calls and threads of its Meshcat, which has no browser.
 """
 
-from __future__ import annotations
-
 import logging
 import struct
 import sys

@@ -3,8 +3,6 @@
 A stall is the delay of a 1 ms ticker on the event loop.
 """
 
-from __future__ import annotations
-
 import asyncio
 import time
 

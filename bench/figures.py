@@ -7,8 +7,6 @@
 NAME is part of a command, such as ``bench.raster``; default: all, ten minutes. ``--write`` puts the rows into the page.
 """
 
-from __future__ import annotations
-
 import argparse
 import os
 import re

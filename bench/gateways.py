@@ -1,7 +1,5 @@
 """A gateway in a process of its own, and requests to it as Drake's client sends them: a new connection each."""
 
-from __future__ import annotations
-
 import json
 import os
 import queue

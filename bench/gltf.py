@@ -20,8 +20,6 @@ Then files as modelling tools write them (``gltf_files``), of which nothing is k
 trimesh's scene with materials is all that there is to do.
 """
 
-from __future__ import annotations
-
 import base64
 import io
 import json

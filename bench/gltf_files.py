@@ -5,8 +5,6 @@ Made up here, after what known files have (vertices, triangles, meshes, nodes, b
 have to be fetched. The shapes are meaningless; no reader looks at them.
 """
 
-from __future__ import annotations
-
 import base64
 import json
 import struct

@@ -3,8 +3,6 @@
 ``python bench/http_floor.py < RESPONSE`` prints its port. Without limits, routes or logs.
 """
 
-from __future__ import annotations
-
 import asyncio
 import hashlib
 import sys

@@ -4,8 +4,6 @@ They cost little: requests are built beforehand, and sending one takes a few sys
 connection, as Drake's client does.
 """
 
-from __future__ import annotations
-
 import multiprocessing
 import os
 import socket

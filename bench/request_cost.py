@@ -6,8 +6,6 @@ FOLDER is a clone of the other build with its ``.venv``. Depth images of 640 x 4
 connection. The servers take turns. The best of all rounds, since other programs only disturb.
 """
 
-from __future__ import annotations
-
 import argparse
 import subprocess
 import sys

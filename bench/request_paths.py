@@ -8,8 +8,6 @@ call, too. Each row is the repeat with the fewest calls, because timers of the s
 the calls by function.
 """
 
-from __future__ import annotations
-
 import argparse
 import json
 import os

@@ -1,7 +1,5 @@
 """Run a bench in a process group of its own, and remove its processes and temporary files afterwards."""
 
-from __future__ import annotations
-
 import contextlib
 import os
 import signal

@@ -10,8 +10,6 @@ interpreter that has vtk, moderngl runs in this one. Figures are medians in ms, 
 is theirs over ours, wall/CPU.
 """
 
-from __future__ import annotations
-
 import argparse
 import sys
 import tempfile

@@ -9,8 +9,6 @@ itself. The scenes differ in everything: each has a mesh that was never sent bef
 caches are made small, so that they are full soon.
 """
 
-from __future__ import annotations
-
 import argparse
 import json
 import os

@@ -4,8 +4,6 @@ A set has left, right, disparity, error and confidence images of the moving demo
 processes of their own with grpcio and protobuf, as a user's are. A row names mode, realism, quality and clients.
 """
 
-from __future__ import annotations
-
 import argparse
 import json
 import subprocess

@@ -1,7 +1,5 @@
 """Tables of results as Markdown. The main one compares a figure with a peer's and with a goal."""
 
-from __future__ import annotations
-
 import math
 import statistics
 from collections.abc import Iterable, Sequence

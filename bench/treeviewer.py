@@ -11,8 +11,6 @@ each job; the whole takes about 30 S. With ``--latency`` only the small message 
 messages are ``bench.treeviewer_binary``'s.
 """
 
-from __future__ import annotations
-
 import argparse
 import contextlib
 import json

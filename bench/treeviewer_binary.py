@@ -12,8 +12,6 @@ Meshes with an image, height maps, images and 1000 poses in one message are meas
 over UDP need a larger receive buffer than most systems allow, and are not measured. S bounds each job.
 """
 
-from __future__ import annotations
-
 import argparse
 import contextlib
 import math

@@ -6,8 +6,6 @@ is a client in a process of its own, which sends single transforms, or big messa
 is ready, begins when it is told to, and prints how long each answer took.
 """
 
-from __future__ import annotations
-
 import argparse
 import contextlib
 import json

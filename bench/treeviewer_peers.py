@@ -11,8 +11,6 @@ None of them draws or sends to a browser here, so their figures are the least th
 object a viewer: name, and milliseconds for each job.
 """
 
-from __future__ import annotations
-
 import contextlib
 import json
 import math

@@ -1,7 +1,5 @@
 """Tree viewer requests, as clients send them, for ``bench.treeviewer`` and similar benches."""
 
-from __future__ import annotations
-
 import json
 import math
 import random

@@ -6,8 +6,6 @@
 do; ``echo`` answers without any viewer. Each says that it is ready and serves until it is killed.
 """
 
-from __future__ import annotations
-
 import argparse
 import asyncio
 import contextlib

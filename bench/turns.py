@@ -1,7 +1,5 @@
 """Measure contestants in turns within one run, so that a change of the machine's speed hits all of them."""
 
-from __future__ import annotations
-
 import random
 import statistics
 import time

@@ -9,8 +9,6 @@ many updates the slowest client got, and the CPU time of the server with all its
 fall behind as ours can (they have no credit), so their servers also pay for what a browser could not draw.
 """
 
-from __future__ import annotations
-
 import argparse
 import json
 import os

@@ -4,8 +4,6 @@ They take in what comes, answer ours with credit as the page does, and look at n
 process prints how many updates each has got so far.
 """
 
-from __future__ import annotations
-
 import asyncio
 import json
 import sys

@@ -5,8 +5,6 @@ it has moved them so far. It ends when its input does, as it does when ``viewer.
 repository for the peers, so that it runs in their own environment.
 """
 
-from __future__ import annotations
-
 import asyncio
 import json
 import signal

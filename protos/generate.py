@@ -4,8 +4,6 @@
 generates again and compares.
 """
 
-from __future__ import annotations
-
 import sys
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """The pinhole camera of all renderers: intrinsics in pixels, pose of the optical frame in the world."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from typing import Final

@@ -1,7 +1,5 @@
 """The sRGB transfer function (IEC 61966-2-1) for values and arrays. Kernels for images are in ``renderers.shading``."""
 
-from __future__ import annotations
-
 from typing import Any, Final
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Depth images as a sensor delivers them: limited to its range, and as 16-bit millimetres."""
 
-from __future__ import annotations
-
 from typing import Final
 
 import numpy as np

@@ -6,8 +6,6 @@ neighbours north, south, west and east. North is the row below, since rows of Op
 where both neighbours have the same contrast.
 """
 
-from __future__ import annotations
-
 from typing import Final
 
 import numpy as np

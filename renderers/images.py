@@ -3,8 +3,6 @@
 Scene readers create ``Image`` objects. Renderers decode them when they render a colour image.
 """
 
-from __future__ import annotations
-
 import re
 import struct
 from collections.abc import Iterator

@@ -1,7 +1,5 @@
 """Interface between the gateway and renderers. The CPU rasterizer is the reference implementation."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 from enum import Flag, auto

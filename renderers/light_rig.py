@@ -1,7 +1,5 @@
 """Light rigs of the look ``studio``: lights, environment, exposure and tone curve of an image."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass, field, replace
 from typing import Final, Literal

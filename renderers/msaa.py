@@ -5,8 +5,6 @@ once per pixel. Scenes with translucent surfaces are rendered once per sample po
 points differ.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import cache
 from typing import Final

@@ -1,7 +1,5 @@
 """Look-up of the instance that a primitive id belongs to, for kernels."""
 
-from __future__ import annotations
-
 from renderers.compiler.device_function import device_function
 from renderers.compiler.kernel_types import I64, Pointer
 

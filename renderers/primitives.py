@@ -4,8 +4,6 @@ Every mesh is closed, wound counter-clockwise seen from outside, and has unit ou
 flat on plane ones. Vertices of curved solids lie exactly on the ideal surface, so that their faces lie inside it.
 """
 
-from __future__ import annotations
-
 import math
 from functools import lru_cache
 from typing import Final

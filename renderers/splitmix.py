@@ -1,7 +1,5 @@
 """splitmix64 (Steele, Lea and Flood 2014), for kernels: hashes, and random numbers from a key and a counter."""
 
-from __future__ import annotations
-
 from typing import Final
 
 from renderers.compiler.device_function import inlined

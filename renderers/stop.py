@@ -4,8 +4,6 @@ The current flag is a context variable. Passed as a parameter, it would go throu
 it.
 """
 
-from __future__ import annotations
-
 import threading
 from collections.abc import Callable
 from contextvars import ContextVar

@@ -5,8 +5,6 @@ primitive ``p - first_ids[i]`` of instance ``i`` where ``first_ids[i] <= p < fir
 (``renderers.primitive_ids``). They depend on the draw list only, not on camera, selection or threads.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Final, Protocol

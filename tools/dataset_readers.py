@@ -6,8 +6,6 @@ uv and npm install the packages in throw-away environments; torchvision takes 3 
 the others two to five: hidden ones, with holes, and in two parts. Each model is a class.
 """
 
-from __future__ import annotations
-
 import json
 import os
 import subprocess

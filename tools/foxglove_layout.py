@@ -1,7 +1,5 @@
 """Write deploy/foxglove/layout.json, a layout of the Foxglove app: ``python -m tools.foxglove_layout``."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 

@@ -4,8 +4,6 @@ A package index shows the README without the other files of the repository, so l
 repository: ``Repository`` in ``[project.urls]`` of pyproject.toml. Without that entry, links stay as they are.
 """
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 from typing import Any

@@ -5,8 +5,6 @@
 A struct becomes an interface; a field with a default is optional, because messages leave it out.
 """
 
-from __future__ import annotations
-
 import argparse
 from pathlib import Path
 from typing import Any, get_args

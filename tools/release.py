@@ -3,8 +3,6 @@
 Standard library only, so that it runs before any environment is made.
 """
 
-from __future__ import annotations
-
 import datetime
 import re
 import subprocess

@@ -5,8 +5,6 @@
 FOLDER has a folder for each package, as ``pip install --no-deps --target FOLDER/NAME NAME==VERSION`` makes it.
 """
 
-from __future__ import annotations
-
 import argparse
 from collections import Counter
 from collections.abc import Iterator

@@ -1,7 +1,5 @@
 """The server's commands, which ``scenegate.cli`` runs. They import lazily."""
 
-from __future__ import annotations
-
 import typer
 
 from gateway.cli import dataset

@@ -1,7 +1,5 @@
 """Commands of the client and ``--version`` as Typer's, so that the shell completes them."""
 
-from __future__ import annotations
-
 import argparse
 import inspect
 import os

@@ -1,7 +1,5 @@
 """``scenegate serve``: one flag per setting; serves until SIGTERM or Ctrl+C."""
 
-from __future__ import annotations
-
 import inspect
 import os
 import sys

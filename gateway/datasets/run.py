@@ -1,7 +1,5 @@
 """Run a job: render the samples that a dataset lacks, and write its manifest. The next run continues a stopped one."""
 
-from __future__ import annotations
-
 import shutil
 from array import array
 from collections.abc import Callable, Iterable, Iterator

@@ -1,7 +1,5 @@
 """Checks of this machine for ``scenegate doctor``: address space, kernels, ports, multicast."""
 
-from __future__ import annotations
-
 import errno
 import platform
 import resource

@@ -10,8 +10,6 @@ environments and container layers of one version share their kernels:
 This module does not import Numba; ``renderers.compiler.cache_locator`` tells Numba about the folders.
 """
 
-from __future__ import annotations
-
 import atexit
 import hashlib
 import io

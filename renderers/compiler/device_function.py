@@ -6,8 +6,6 @@ only lowers device functions to LLVM; they are optimised once, in the kernel
 (docs/decisions/0003-rasterizer-in-numba.md). This is the only file that uses Numba's private compiler API.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import Any, Final, TypeVar
 

@@ -3,8 +3,6 @@
 Division follows IEEE 754 and never raises, as scenes may contain any numbers.
 """
 
-from __future__ import annotations
-
 import os
 import threading
 from collections.abc import Callable

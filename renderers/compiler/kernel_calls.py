@@ -4,8 +4,6 @@ Kernels that call each other by address are compiled separately. Python is not i
 do not wait for the GIL between two kernels.
 """
 
-from __future__ import annotations
-
 import ctypes
 from functools import cache
 from typing import Any, Final

@@ -22,8 +22,6 @@ A compiled function says once what it takes, and the compiler derives its signat
 | a ``TypeVar`` with a bound | any type | itself |
 """
 
-from __future__ import annotations
-
 import inspect
 import itertools
 from collections.abc import Callable, Mapping, Sequence

@@ -6,8 +6,6 @@ replace it: ``overload`` compiles a function for each use, and the functions of 
 Numba's own. ``tests/renderers/compiler/test_numba_typing.py`` fails when Numba changes it.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import Any, ClassVar, Final
 

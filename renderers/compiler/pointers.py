@@ -5,8 +5,6 @@ per triangle. Kernels therefore take addresses of arrays and structs (``renderer
 pointers: ``p[i]`` reads and writes without a check. The Python caller keeps the arrays alive while a kernel runs.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Mapping
 from typing import Any, Final

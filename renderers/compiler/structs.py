@@ -18,8 +18,6 @@ A field of a struct's type holds the address of an array of structs. As in C, ``
 struct of the array, unchecked. An ``inline`` field lies within the struct; in kernels it is a pointer to its values.
 """
 
-from __future__ import annotations
-
 import inspect
 import operator
 from collections import namedtuple

@@ -1,7 +1,5 @@
 """JPEG encoder for browser views and previews, not for measurements."""
 
-from __future__ import annotations
-
 import cv2
 import numpy as np
 from numpy.typing import NDArray

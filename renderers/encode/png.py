@@ -3,8 +3,6 @@
 docs/decisions/0010-png-by-filter-and-isal.md has the reasons. Equal pixels give equal files. Releases the GIL.
 """
 
-from __future__ import annotations
-
 import struct
 from typing import Final
 

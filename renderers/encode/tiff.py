@@ -1,7 +1,5 @@
 """TIFF 6.0 encoder, baseline layout: little endian, one directory, one strip, no compression."""
 
-from __future__ import annotations
-
 import struct
 from typing import Final
 

@@ -1,7 +1,5 @@
 """The CPU rasterizer: visibility by exact fixed-point edge functions, then resolve and shading of what is visible."""
 
-from __future__ import annotations
-
 from renderers.raster.renderer import CpuRenderer
 from renderers.raster.warmup import warmup
 

@@ -3,8 +3,6 @@
 The bins that a primitive touches are packed as ``last << 16 | first``, int32.
 """
 
-from __future__ import annotations
-
 from renderers.compiler import simd as vec
 from renderers.compiler.device_function import device_function, inlined
 from renderers.compiler.kernel_types import I64, i64

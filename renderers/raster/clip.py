@@ -4,8 +4,6 @@
 near plane, 1 to 4 are the sides of the guard band.
 """
 
-from __future__ import annotations
-
 from typing import Final
 
 import numpy as np

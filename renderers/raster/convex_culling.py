@@ -7,8 +7,6 @@ image and its depths are the same, except where snapping moves a silhouette over
 are closer than float32 can tell: there the front shows.
 """
 
-from __future__ import annotations
-
 from typing import Final
 
 import numpy as np

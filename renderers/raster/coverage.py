@@ -1,7 +1,5 @@
 """Rasterization of a band with one sample per pixel: coverage and depth test of the primitives."""
 
-from __future__ import annotations
-
 from renderers.compiler import simd as vec
 from renderers.compiler.device_function import device_function, inlined
 from renderers.compiler.jit import kernel

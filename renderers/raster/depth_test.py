@@ -4,8 +4,6 @@ The test is OpenGL's LEQUAL, in the order of the primitives' ids: of two surface
 later one is seen.
 """
 
-from __future__ import annotations
-
 from typing import Final
 
 from renderers.compiler import simd as vec

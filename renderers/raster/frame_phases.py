@@ -9,8 +9,6 @@
 Threads take units by an atomic counter until none is left, and wait for the last units of others before the next phase.
 """
 
-from __future__ import annotations
-
 from typing import Final
 
 from renderers.compiler.device_function import device_function, inlined

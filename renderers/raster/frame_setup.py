@@ -1,7 +1,5 @@
 """Setup of a frame: poses, draws and units of work, computed from the parameters that FrameJob has set."""
 
-from __future__ import annotations
-
 from typing import Final
 
 from renderers.compiler.device_function import inlined

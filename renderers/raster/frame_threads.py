@@ -1,7 +1,5 @@
 """The threads that work on frames: each caller's own, and helper threads that all callers share."""
 
-from __future__ import annotations
-
 import ctypes
 import itertools
 import os

@@ -1,7 +1,5 @@
 """The fixed-point grid of 1/256 pixel that vertices are snapped to, and boxes of pixels on it."""
 
-from __future__ import annotations
-
 from typing import Generic, NamedTuple, TypeVar
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Transforms of a frame's instances into the camera's frame, and the list of draws."""
 
-from __future__ import annotations
-
 from renderers.compiler.device_function import device_function, inlined
 from renderers.compiler.kernel_types import F64, I64, Pointer
 from renderers.compiler.pointers import advance, u8_at

@@ -6,8 +6,6 @@ RasterFrame ─┬─ RasterInstance    an instance of the draw list, without it
              └─ Layer             visibility buffer: primitive id and 1/z of each pixel
 """
 
-from __future__ import annotations
-
 from typing import Final
 
 from renderers.compiler.device_function import device_function, inlined

@@ -4,8 +4,6 @@ The functions fill a Primitive, but for its ``id``, and return its first and las
 1/z, 1/m, or BEFORE_NEAR_PLANE or OUTSIDE_GUARD_BAND, which are negative.
 """
 
-from __future__ import annotations
-
 from typing import Final
 
 import numpy as np

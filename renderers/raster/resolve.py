@@ -6,8 +6,6 @@ Eight pixels at a time. Most see the same instance as the pixels before. So thei
 first, and only others are searched.
 """
 
-from __future__ import annotations
-
 from typing import Final
 
 import numpy as np

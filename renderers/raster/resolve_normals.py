@@ -8,8 +8,6 @@ For each run of pixels that see one triangle with corners p0, p1, p2 in the came
 3. if the mesh has normals, those of the corners, interpolated at each pixel.
 """
 
-from __future__ import annotations
-
 from typing import Final, NamedTuple
 
 import numpy as np

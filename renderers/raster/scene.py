@@ -1,7 +1,5 @@
 """Tables of a draw list for the kernels, independent of the camera, and the caches of them."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, Final

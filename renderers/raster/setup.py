@@ -1,7 +1,5 @@
 """Setup, the second phase of a frame: culls primitives, sets them up, and finds the bands that they touch."""
 
-from __future__ import annotations
-
 from renderers.compiler.device_function import device_function, inlined
 from renderers.compiler.jit import kernel
 from renderers.compiler.kernel_calls import is_set

@@ -23,8 +23,6 @@ scaled_dx. The first column right of q is floor(q + 1). It is the first covered 
 the column after the last covered one if it is on the right. ``_limit_by_edge`` says why float32 is exact here.
 """
 
-from __future__ import annotations
-
 import math
 from typing import Final, NamedTuple
 

@@ -3,8 +3,6 @@
 A million triangles at 640 x 480 take nearly half as long again without.
 """
 
-from __future__ import annotations
-
 from renderers.compiler import simd as vec
 from renderers.compiler.device_function import inlined
 from renderers.compiler.kernel_types import I64, f32

@@ -1,7 +1,5 @@
 """Transformation of vertices from a mesh's frame to pixels: the first phase of a frame."""
 
-from __future__ import annotations
-
 from typing import Final
 
 from renderers.compiler import simd as vec

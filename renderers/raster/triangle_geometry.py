@@ -1,7 +1,5 @@
 """Eight triangles, one per lane: corners, boxes, edge functions and planes of 1/z. In them, ``w`` is 1/z, 1/m."""
 
-from __future__ import annotations
-
 from typing import Final, NamedTuple
 
 from renderers.compiler import simd as vec

@@ -10,8 +10,6 @@ Dropped on the way: triangles nearer than the near plane, beyond the far plane, 
 faces that a convex mesh hides; and those that are culled, unless depth and labels show them.
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 from renderers.compiler import simd as vec

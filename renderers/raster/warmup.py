@@ -1,7 +1,5 @@
 """Compilation of all kernels, and the first images of a process."""
 
-from __future__ import annotations
-
 import numpy as np
 
 import renderers.depth_range

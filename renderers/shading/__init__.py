@@ -45,8 +45,6 @@ Kernels that shade pixels do not call the C library's math functions, whose resu
 device functions take pointers instead of arrays, and their loops over pixels overrun by up to seven.
 """
 
-from __future__ import annotations
-
 from renderers.shading.headlight.passes import HeadlightJob, paint, solid_pixels
 from renderers.shading.scene import ShadingScene, prepare
 

@@ -10,8 +10,6 @@ second::
 ``gradient`` is (du/dx, dv/dx, du/dy, dv/dy), f32x8 each, texture coordinates per pixel of the image.
 """
 
-from __future__ import annotations
-
 from typing import Final
 
 from renderers.compiler import simd as vec

@@ -7,8 +7,6 @@ Symbols: n unit normal, v unit vector to the viewer, l unit vector to the light,
 cosine n . l.
 """
 
-from __future__ import annotations
-
 import math
 from typing import Final
 

@@ -4,8 +4,6 @@ The lamp is a point at the camera. Its light falls with the cosine and the squar
 that no surface is black because it faces away from one of them.
 """
 
-from __future__ import annotations
-
 from typing import Any, Final, NamedTuple
 
 import numpy as np

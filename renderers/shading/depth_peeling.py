@@ -4,8 +4,6 @@ The looks that follow glTF order transparent surfaces by distance (depth peeling
 order in which it draws them: instance by instance, primitive by primitive. This is the order of primitive ids.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from typing import Any, Final

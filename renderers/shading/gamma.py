@@ -1,7 +1,5 @@
 """Gamma of the looks ``pbr`` and ``gltf``: encoding of linear light as bytes, and decoding."""
 
-from __future__ import annotations
-
 from typing import Final
 
 import numpy as np

@@ -3,8 +3,6 @@
 Both are evaluated at eight neighbouring pixels, which belong to at most eight spans.
 """
 
-from __future__ import annotations
-
 from typing import Final
 
 from renderers.compiler import simd as vec

@@ -1,7 +1,5 @@
 """Structs that the shading kernels of all looks and their callers share."""
 
-from __future__ import annotations
-
 from typing import Any, Final
 
 from renderers.compiler.kernel_types import F32, F64, I32, I64, U32, Address, Pointer

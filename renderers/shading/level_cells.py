@@ -4,8 +4,6 @@ The tables are exact for every float32, whereas the results of ``pow`` differ be
 2^16 neighbouring float32, 2^-7 of an octave. It is narrower than any level, so that it contains at most two levels.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import Final
 

@@ -1,7 +1,5 @@
 """Selects the mip levels of minified textures, as OpenGL does (OpenGL 4.6, 8.14), eight pixels at a time."""
 
-from __future__ import annotations
-
 import math
 from typing import Final
 

@@ -3,8 +3,6 @@
 Functions here fill rows of the segment's PartPixels for its first ``count`` pixels.
 """
 
-from __future__ import annotations
-
 from renderers.compiler import simd as vec
 from renderers.compiler.device_function import device_function, inlined
 from renderers.compiler.kernel_types import I64

@@ -1,7 +1,5 @@
 """Materials as a look shades them, and the table of them that kernels read."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from typing import Any, Final
 

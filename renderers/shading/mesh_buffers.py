@@ -1,7 +1,5 @@
 """Interleaved vertex attributes of meshes, so that kernels load a vertex with one instruction."""
 
-from __future__ import annotations
-
 import threading
 from dataclasses import dataclass
 

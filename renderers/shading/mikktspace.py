@@ -7,8 +7,6 @@ projected into the plane of the normal and weighted by the angle at the corner. 
 has two tangents and is split.
 """
 
-from __future__ import annotations
-
 import math
 from typing import Final
 

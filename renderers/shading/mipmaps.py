@@ -1,7 +1,5 @@
 """Makes the mip levels of images: each has half the width and height of the one before."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from typing import Final
 

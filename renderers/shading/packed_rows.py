@@ -1,7 +1,5 @@
 """Packed rows: finished rows of an image as int32 per pixel, red in the lowest byte."""
 
-from __future__ import annotations
-
 from typing import Final
 
 from renderers.compiler import simd as vec

@@ -13,8 +13,6 @@ Parameters that mean the same in all steps:
 - ``rows``: the four rows that are filled with RGBA; A only if ``with_alpha``.
 """
 
-from __future__ import annotations
-
 from typing import Final, NamedTuple
 
 from renderers.compiler import simd as vec

@@ -1,7 +1,5 @@
 """Conversion of draw lists to the tables that the shading kernels read."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any

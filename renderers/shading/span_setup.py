@@ -20,8 +20,6 @@ the changes of weighted sums per column and row of the image. Signs of a triangl
     clockwise                > 0             1           -1           1
 """
 
-from __future__ import annotations
-
 import math
 from typing import Final, Generic, NamedTuple, TypeVar
 

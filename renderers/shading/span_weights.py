@@ -9,8 +9,6 @@ which are linear over the image. Their sum is det(P) / z, since that of b is 1. 
 it, are perspective-correct. All is computed in float64, eight spans at a time.
 """
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

@@ -9,8 +9,6 @@ parts           |       |   |   | |   |     ``find_part_end`` cuts segments at p
 The ``shade_rows`` of a look calls these functions in this order.
 """
 
-from __future__ import annotations
-
 from typing import Final, NamedTuple
 
 import numpy as np

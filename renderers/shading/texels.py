@@ -12,8 +12,6 @@ A texture coordinate of 0 is the left or upper border of the image, 1 the other 
 times the size of the level. Texel i of a row or column has its centre at i + 0.5.
 """
 
-from __future__ import annotations
-
 from typing import Final, NamedTuple
 
 import numpy as np

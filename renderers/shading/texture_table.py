@@ -1,7 +1,5 @@
 """Table of a draw list's textures, which ``sampling`` reads."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from typing import Any, Final
 

@@ -11,8 +11,6 @@ the others are below each other on its right::
     +---------------+-+---+-+-------+
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 from threading import Lock
 from typing import Final

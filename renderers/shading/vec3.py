@@ -1,7 +1,5 @@
 """Arithmetic of 3-vectors, whose components are SIMD vectors or scalars, and of matrices."""
 
-from __future__ import annotations
-
 from typing import TypeVar
 
 from renderers.compiler import simd as vec

@@ -1,7 +1,5 @@
 """Geometry of a rectified stereo camera: models, qualities, intrinsics and the pinhole cameras to render."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from enum import Enum

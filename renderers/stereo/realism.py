@@ -1,7 +1,5 @@
 """Parts of a realistic camera image, which can be enabled one by one, and the parser of lists of their names."""
 
-from __future__ import annotations
-
 from typing import Final, Literal, get_args
 
 RealismPart = Literal["shadows", "lens-blur", "vignetting", "fixed-pattern", "motion-blur", "projector"]

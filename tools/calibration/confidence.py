@@ -6,8 +6,6 @@ near edges of photographs are too low. ``errors`` and ``real_pair`` judge the re
 see.
 """
 
-from __future__ import annotations
-
 import argparse
 import json
 from collections.abc import Iterator, Sequence

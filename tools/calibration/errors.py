@@ -4,8 +4,6 @@ Images of ``scenes`` and of the demo, without and with the projector, at quality
 real pair.
 """
 
-from __future__ import annotations
-
 import argparse
 import itertools
 from dataclasses import replace

@@ -4,8 +4,6 @@ A window of such surfaces sees a single line. At a silhouette, a match belongs t
 a plank's grain, it is right on both.
 """
 
-from __future__ import annotations
-
 from typing import Final
 
 import numpy as np

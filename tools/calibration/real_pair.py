@@ -5,8 +5,6 @@ pair's true surface with the left image on it; behind its edges, the background 
 right image on it. It fills the camera's images, without and with realism.
 """
 
-from __future__ import annotations
-
 import argparse
 from dataclasses import replace
 from pathlib import Path

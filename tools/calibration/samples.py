@@ -1,7 +1,5 @@
 """Stereo images of ``scenes``, with their exact disparity."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cache

@@ -4,8 +4,6 @@ A scene is a function of a seed, which chooses textures and places: fits and tes
 half a metre above the origin and looks along +x and down; z is up; walls close the view, 1.5 to 5 m away.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from functools import wraps
 from typing import Final

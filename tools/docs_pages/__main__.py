@@ -1,7 +1,5 @@
 """``python -m tools.docs_pages FOLDER``: write the generated pages into FOLDER, which is docs/."""
 
-from __future__ import annotations
-
 import sys
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """docs/reference/commands.md, from the commands and their options."""
 
-from __future__ import annotations
-
 import argparse
 import re
 import subprocess

@@ -1,7 +1,5 @@
 """docs/reference/grpc.md, from protos/image_interface.proto and its comments; needs grpcio-tools (the dev group)."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Iterator
 from pathlib import Path

@@ -1,7 +1,5 @@
 """docs/reference/http.md, from the OpenAPI description of a gateway with every interface."""
 
-from __future__ import annotations
-
 import asyncio
 import json
 import re

@@ -1,7 +1,5 @@
 """docs/reference/lcm.md, from the definitions in lcmtypes/."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Final
 

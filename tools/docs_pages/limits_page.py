@@ -3,8 +3,6 @@
 The reason for each limit is the docstring of its field or constant, read from the source.
 """
 
-from __future__ import annotations
-
 import ast
 import importlib
 import inspect

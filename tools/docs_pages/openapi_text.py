@@ -1,7 +1,5 @@
 """Parts of an OpenAPI description as text: types, tables of fields, example requests."""
 
-from __future__ import annotations
-
 import json
 import shlex
 from collections.abc import Iterator, Mapping

@@ -1,7 +1,5 @@
 """docs/configuration.md, from the settings."""
 
-from __future__ import annotations
-
 from itertools import groupby
 
 from gateway.runtime.settings import Settings

@@ -6,8 +6,6 @@ uv and npm install the packages in throw-away environments; bpy and Open3D take 
 libusb-1.0, pyvista OpenGL. What each file is, and what is wrong with it, says exporters.toml in that folder.
 """
 
-from __future__ import annotations
-
 import shutil
 import subprocess
 import sys

@@ -3,8 +3,6 @@
 Each function writes what the package's documentation shows, in the package's own unit and up axis.
 """
 
-from __future__ import annotations
-
 import json
 import struct
 import sys

@@ -7,8 +7,6 @@ those that are named (``demo``). The robot is of recorded requests, in the folde
 them, that picture is left as it is. Chromium draws by SwiftShader, without a GPU.
 """
 
-from __future__ import annotations
-
 import json
 import shutil
 import sys

@@ -5,8 +5,6 @@
 OUT (default: docs/images/demo.webp) shows one period of the demo at twice its speed. The pixels are reproducible.
 """
 
-from __future__ import annotations
-
 import sys
 from pathlib import Path
 from typing import Any, Final

@@ -6,8 +6,6 @@ FOLDER (default: docs/images/gallery) gets one JPEG each, or those that are name
 every time.
 """
 
-from __future__ import annotations
-
 import math
 import sys
 from collections.abc import Callable

@@ -6,8 +6,6 @@
 Every row is a scene of tests/drake/scenes.py, twice as large.
 """
 
-from __future__ import annotations
-
 import json
 import sys
 from pathlib import Path

@@ -3,8 +3,6 @@
 python -m tools.pictures.performance_plot
 """
 
-from __future__ import annotations
-
 import math
 import re
 from html import escape

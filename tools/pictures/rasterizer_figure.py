@@ -3,8 +3,6 @@
 python -m tools.pictures.rasterizer_figure OUT.webp
 """
 
-from __future__ import annotations
-
 import sys
 from typing import Any, Final
 

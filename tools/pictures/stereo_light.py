@@ -3,8 +3,6 @@
 A room, a corridor, a shelf, a table and outdoor ground, with the default light and exposure.
 """
 
-from __future__ import annotations
-
 import sys
 from typing import Final
 

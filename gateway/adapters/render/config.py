@@ -1,7 +1,5 @@
 """Configuration and limits of the render endpoint."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Literal

@@ -1,7 +1,5 @@
 """Errors of render requests. Each message is one sentence, which Drake's client shows in its exception."""
 
-from __future__ import annotations
-
 import re
 from typing import Final
 

@@ -4,8 +4,6 @@ Each request has two files: the body as received, and a JSON file with the error
 send the request again (``curl --data-binary @NAME.multipart -H 'Content-Type: …' URL``).
 """
 
-from __future__ import annotations
-
 import json
 import re
 import threading

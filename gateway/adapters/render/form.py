@@ -6,8 +6,6 @@ length from the field of view. Parts in base64 and quoted-printable are decoded;
 Content-Transfer-Encoding, they are read as they are.
 """
 
-from __future__ import annotations
-
 import math
 import re
 from collections.abc import Mapping

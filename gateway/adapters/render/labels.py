@@ -1,7 +1,5 @@
 """Labels of the parts of posted scenes, which Drake's client encodes in the base colours of materials."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Hashable, Iterable
 from typing import TypeVar
 

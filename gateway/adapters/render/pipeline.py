@@ -1,7 +1,5 @@
 """Renders one request in a worker thread: reads the scene, renders, and encodes the image. No I/O."""
 
-from __future__ import annotations
-
 import math
 import time
 from collections.abc import Callable, Sequence

@@ -1,7 +1,5 @@
 """What to render: a validated request for one image."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Final, Literal
 

@@ -1,7 +1,5 @@
 """``POST /render``: Drake's render endpoint on HTTP."""
 
-from __future__ import annotations
-
 import json
 import math
 from typing import Any, Final

@@ -4,8 +4,6 @@ In the requests of a moving robot only the poses differ. Everything else is one 
 the renderer, which caches by the identity of the instance set, does not build its tables again.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Final, TypeAlias

@@ -1,7 +1,5 @@
 """``POST /render``: admits a request, receives its form, has it rendered by a worker thread, and responds."""
 
-from __future__ import annotations
-
 import asyncio
 import logging
 import time

@@ -1,7 +1,5 @@
 """A stereo camera as a long-running service: parameters, frames and the stream of image sets."""
 
-from __future__ import annotations
-
 import asyncio
 import time
 from collections.abc import Awaitable, Callable, Iterable

@@ -3,8 +3,6 @@
 ``request_reader`` refuses a request with too many values before it decodes the request.
 """
 
-from __future__ import annotations
-
 from typing import Final
 
 import numpy as np

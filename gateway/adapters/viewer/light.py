@@ -1,7 +1,5 @@
 """The light of the page: the rig of the gateway's images, as the page's renderer reads it."""
 
-from __future__ import annotations
-
 import math
 from functools import lru_cache
 from typing import Final

@@ -5,8 +5,6 @@ check every read against the stream's end; decoded vertex indices may be any num
 read.
 """
 
-from __future__ import annotations
-
 from typing import Any, Final, TypeVar
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Reads MTL files: colours, opacity and textures of the materials of OBJ files."""
 
-from __future__ import annotations
-
 import contextlib
 import math
 import re

@@ -1,7 +1,5 @@
 """Access control over HTTP: tokens, and what ``Origin`` and ``Host`` of a request say."""
 
-from __future__ import annotations
-
 import ipaddress
 import time
 from collections.abc import Callable, Collection

@@ -1,7 +1,5 @@
 """Receives a body of known length into one buffer."""
 
-from __future__ import annotations
-
 import asyncio
 from collections.abc import Callable
 from typing import Final

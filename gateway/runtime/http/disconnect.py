@@ -1,7 +1,5 @@
 """Cancelling work when the client disconnects before its response."""
 
-from __future__ import annotations
-
 import asyncio
 from collections.abc import Coroutine
 from typing import Any, Final, TypeVar

@@ -1,7 +1,5 @@
 """Responses to requests that reach no route: 404, 405, invalid parameters."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from typing import Any, Final
 from urllib.parse import quote

@@ -1,7 +1,5 @@
 """Token check for gRPC calls, by their metadata; health checks need no token."""
 
-from __future__ import annotations
-
 from collections.abc import Awaitable, Callable
 from typing import Any, Final
 

@@ -1,7 +1,5 @@
 """``/healthz`` (liveness), ``/readyz`` (readiness), ``/metrics`` (Prometheus)."""
 
-from __future__ import annotations
-
 import asyncio
 import json
 from collections.abc import Callable

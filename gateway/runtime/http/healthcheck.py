@@ -1,7 +1,5 @@
 """``python -m gateway.runtime.http.healthcheck``: exit code 0 if this container is ready (HEALTHCHECK)."""
 
-from __future__ import annotations
-
 import os
 import sys
 

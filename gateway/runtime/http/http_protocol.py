@@ -4,8 +4,6 @@ uvicorn has no limits on the size and duration of heads, on stalled bodies and o
 extended here; docs/decisions/0012-bounded-http-protocol.md says why, and which of its internals are used.
 """
 
-from __future__ import annotations
-
 import asyncio
 import re
 from collections.abc import Callable

@@ -1,7 +1,5 @@
 """HTTP servers: the main one, which stops on a signal, and further ports as services."""
 
-from __future__ import annotations
-
 import signal
 import socket
 from collections.abc import Callable, Iterator, Mapping

@@ -1,7 +1,5 @@
 """Names of the interfaces for people, as in the documentation, and the address of their pages there."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import cache
 from importlib.metadata import PackageNotFoundError, metadata

@@ -1,7 +1,5 @@
 """Head and body of a response in one system call."""
 
-from __future__ import annotations
-
 import asyncio
 from typing import Final
 

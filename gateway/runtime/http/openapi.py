@@ -1,7 +1,5 @@
 """Parts of the OpenAPI description that all routes share: tokens, common errors, examples."""
 
-from __future__ import annotations
-
 from collections.abc import Collection, Mapping
 from typing import Any, Final
 

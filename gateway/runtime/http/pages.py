@@ -3,8 +3,6 @@
 Their addresses are relative: a proxy may serve the gateway below a path prefix that only the proxy knows.
 """
 
-from __future__ import annotations
-
 import json
 from collections.abc import Mapping
 from html import escape

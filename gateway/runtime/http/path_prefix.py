@@ -1,7 +1,5 @@
 """The path prefix of a gateway behind a proxy."""
 
-from __future__ import annotations
-
 from collections.abc import Awaitable
 from urllib.parse import quote
 

@@ -2,8 +2,6 @@
 has another form.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Coroutine, Mapping
 from typing import Any, ClassVar
 

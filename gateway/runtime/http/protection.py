@@ -1,7 +1,5 @@
 """Protection of browsers from pages of other sites, and of the gateway from long URLs."""
 
-from __future__ import annotations
-
 from collections.abc import Collection
 from contextlib import suppress
 from functools import lru_cache

@@ -3,8 +3,6 @@
 FastAPI parses them, describes them for OpenAPI, and responds to invalid ones (``error_handlers.invalid_parameters``).
 """
 
-from __future__ import annotations
-
 from typing import Any, Final
 
 from fastapi import Query

@@ -1,7 +1,5 @@
 """Reads of a connection in slices, so that none blocks the event loop."""
 
-from __future__ import annotations
-
 import asyncio
 
 

@@ -1,7 +1,5 @@
 """Holds requests until the gateway has started, and the page that browsers show meanwhile."""
 
-from __future__ import annotations
-
 import asyncio
 from collections.abc import Callable, Collection
 from typing import Final

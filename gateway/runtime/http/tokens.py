@@ -1,7 +1,5 @@
 """Bearer tokens: read from a file, compared in constant time, never logged."""
 
-from __future__ import annotations
-
 import hashlib
 import hmac
 from pathlib import Path

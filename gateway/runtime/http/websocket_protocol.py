@@ -3,8 +3,6 @@
 uvicorn's protocol class is extended; docs/decisions/0012-bounded-http-protocol.md says why.
 """
 
-from __future__ import annotations
-
 from typing import Final
 
 from uvicorn.protocols.websockets.websockets_sansio_impl import WebSocketsSansIOProtocol

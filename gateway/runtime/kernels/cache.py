@@ -4,8 +4,6 @@ Compiling holds the GIL for many seconds, so the serving process never does it: 
 server loads from it. ``renderers.compiler.cache_folder`` says where the cache is and whether it is complete.
 """
 
-from __future__ import annotations
-
 import asyncio
 import contextlib
 import json

@@ -1,7 +1,5 @@
 """Child process that compiles kernels: ``python -m gateway.runtime.kernels.compile_process FD PART ...``."""
 
-from __future__ import annotations
-
 import json
 import os
 import sys

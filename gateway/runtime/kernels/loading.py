@@ -1,7 +1,5 @@
 """Compiles kernels that are not cached, and loads them, while a server starts."""
 
-from __future__ import annotations
-
 import asyncio
 import math
 import time

@@ -6,8 +6,6 @@ that the default settings need. The others follow in the background; a call that
 that the parts share.
 """
 
-from __future__ import annotations
-
 import asyncio
 from collections.abc import Mapping
 from contextlib import nullcontext

@@ -8,8 +8,6 @@ state, each has its own limits, and calls of several threads run in parallel. Th
 docs/decisions/0022-limited-child-processes.md.
 """
 
-from __future__ import annotations
-
 import atexit
 import contextlib
 import os

@@ -10,8 +10,6 @@ started this one has ended, all child processes are killed.
 It imports nothing of this project but the modules in requests, and has no threads, which a fork would not copy.
 """
 
-from __future__ import annotations
-
 import contextlib
 import ctypes
 import gc

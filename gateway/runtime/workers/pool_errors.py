@@ -1,7 +1,5 @@
 """Errors of ``WorkerPool.run`` for calls that it rejects or stops."""
 
-from __future__ import annotations
-
 from typing import Final
 
 from renderers.compiler.pending import KernelsDelayed

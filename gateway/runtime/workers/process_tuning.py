@@ -1,7 +1,5 @@
 """Settings of a serving process: allocator, thread scheduling, garbage collection, descriptors and sockets."""
 
-from __future__ import annotations
-
 import contextlib
 import ctypes
 import errno

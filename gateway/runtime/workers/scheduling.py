@@ -1,7 +1,5 @@
 """CPUs of this process; priority of threads that compute, below that of the event loop (on Linux only)."""
 
-from __future__ import annotations
-
 import contextlib
 import ctypes
 import math

@@ -1,7 +1,5 @@
 """Compute a result once for all callers, concurrent and later ones."""
 
-from __future__ import annotations
-
 import asyncio
 from collections import OrderedDict
 from collections.abc import Callable, Coroutine, Hashable

@@ -4,8 +4,6 @@ Its loop checks signals and all processes in turn, and never waits for one of th
 the terminal end all processes; any other SIGHUP replaces them, one after the other.
 """
 
-from __future__ import annotations
-
 import asyncio
 import contextlib
 import math

@@ -4,8 +4,6 @@ Each process writes one JSON file into a shared folder: its status, its metrics,
 it has replaced. docs/decisions/0021-worker-processes.md has the reasons.
 """
 
-from __future__ import annotations
-
 import contextlib
 import os
 import time

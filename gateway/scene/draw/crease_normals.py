@@ -8,8 +8,6 @@ Which edges are creases depends on the format:
 - Other glTF files: all (glTF 2.0, 3.7.2.1). Meshes without normals are flat, so that nothing is computed here.
 """
 
-from __future__ import annotations
-
 import math
 from typing import Final, TypeVar
 

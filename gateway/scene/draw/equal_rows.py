@@ -3,8 +3,6 @@
 Of 600,000 positions, 12 to 20 ms instead of 140 to 220 with ``np.unique``.
 """
 
-from __future__ import annotations
-
 import secrets
 from typing import Final
 

@@ -14,8 +14,6 @@ Measured on Zen 3 with LLVM 22:
   instruction.
 """
 
-from __future__ import annotations
-
 from renderers.compiler.simd.arithmetic import *
 from renderers.compiler.simd.interleaved import *
 from renderers.compiler.simd.lanes import *

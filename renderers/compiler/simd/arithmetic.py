@@ -1,7 +1,5 @@
 """Arithmetic, comparisons and conversions of vectors, lane by lane, and reductions to one number."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import Any
 

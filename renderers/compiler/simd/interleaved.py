@@ -4,8 +4,6 @@ A structure is loaded by one load per lane; eight of them are then transposed, i
 gather per field takes. Shuffles stay within the 16-byte halves of registers where possible, which is faster.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import Any, Final
 

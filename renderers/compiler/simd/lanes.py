@@ -1,7 +1,5 @@
 """Moves of lanes within vectors."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import Any
 

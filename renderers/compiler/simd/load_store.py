@@ -3,8 +3,6 @@
 Stores and prefetches return 0, since intrinsic functions need a result.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import Any, Final
 

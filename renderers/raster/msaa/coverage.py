@@ -7,8 +7,6 @@ sample by sample, one sample per lane; of four samples, each takes two lanes. St
 values, which costs time but never changes the image.
 """
 
-from __future__ import annotations
-
 from typing import Final
 
 from renderers.compiler import simd as vec

@@ -3,8 +3,6 @@
 Pixels that see two of them are shaded once, as one.
 """
 
-from __future__ import annotations
-
 from renderers.compiler import simd as vec
 from renderers.compiler.device_function import device_function, inlined
 from renderers.compiler.kernel_types import I64

@@ -5,8 +5,6 @@ surface that share an edge and its normals look the same where they meet, and ar
 at silhouettes, creases and seams.
 """
 
-from __future__ import annotations
-
 from typing import Final
 
 from renderers.compiler import simd as vec

@@ -1,7 +1,5 @@
 """Anti-aliasing of the headlight looks: the memory of sample bands, and two ways to resolve samples to colours."""
 
-from __future__ import annotations
-
 from typing import Final
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Small triangles with several samples per pixel, eight neighbouring pixels at a time."""
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

@@ -4,8 +4,6 @@ Most pixels see one primitive with all samples. Of those, only the index of the 
 and a range of 1/z are stored. A pixel at an edge gets a slot, where each sample has its own primitive id and 1/z.
 """
 
-from __future__ import annotations
-
 from typing import Final, TypeVar
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The job of the headlight looks' kernel."""
 
-from __future__ import annotations
-
 from typing import Final
 
 from renderers.compiler.kernel_types import F32, I32, I64, U8, Pointer

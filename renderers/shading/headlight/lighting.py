@@ -4,8 +4,6 @@
 which are the row's pixels from ``begin`` on.
 """
 
-from __future__ import annotations
-
 import math
 
 from renderers.compiler import simd as vec

@@ -5,8 +5,6 @@ translucent layers blended so far: four channels of float32, one after the other
 transmittance. Their rows are eight values longer than those of the image.
 """
 
-from __future__ import annotations
-
 from renderers.compiler import simd as vec
 from renderers.compiler.device_function import device_function, inlined
 from renderers.compiler.kernel_types import F32, I32, I64, Pointer, f32

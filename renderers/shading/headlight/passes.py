@@ -1,7 +1,5 @@
 """Rendering of the colour image in the headlight looks: its layers, shaded band by band."""
 
-from __future__ import annotations
-
 from typing import Final
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Kernel of the headlight looks, which shades rows of an image segment by segment."""
 
-from __future__ import annotations
-
 from renderers.compiler import simd as vec
 from renderers.compiler.device_function import inlined
 from renderers.compiler.jit import kernel

@@ -1,7 +1,5 @@
 """Environments as equirectangular images of radiance: read from Radiance files, or painted from a rig's softboxes."""
 
-from __future__ import annotations
-
 import math
 from typing import Any, Final
 

@@ -7,8 +7,6 @@ is a table, since nine spherical harmonics (Ramamoorthi and Hanrahan 2001) are w
 windows.
 """
 
-from __future__ import annotations
-
 import math
 import threading
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """Structs that the kernels of the look ``studio`` and their callers share."""
 
-from __future__ import annotations
-
 from typing import Final
 
 from renderers.compiler.device_function import device_function

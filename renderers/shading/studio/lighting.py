@@ -1,7 +1,5 @@
 """Light on gathered surfaces, eight pixels at a time: lights with shadows, the environment map, the tone curve."""
 
-from __future__ import annotations
-
 from renderers.compiler import simd as vec
 from renderers.compiler.device_function import device_function, inlined
 from renderers.compiler.kernel_types import F32, I64, Pointer

@@ -1,7 +1,5 @@
 """Lights of an image: their automatic exposure, and their structs for kernels, in the camera's optical frame."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """Evaluation of glTF materials at pixels: fills the StudioSurfaces that are lit from interpolated attributes."""
 
-from __future__ import annotations
-
 from typing import Final
 
 from renderers.compiler import simd as vec

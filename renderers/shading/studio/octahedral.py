@@ -4,8 +4,6 @@ An octahedral map (Cigolle et al., "A Survey of Efficient Representations for In
 no poles, and sampling it needs no angles.
 """
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -4,8 +4,6 @@ An *accumulated row* is the memory that surfaces of a row of pixels are blended 
 ``channel_values(width)`` float32. The first three are tone-mapped linear RGB times coverage, the fourth is coverage.
 """
 
-from __future__ import annotations
-
 from typing import Final
 
 from renderers.compiler import simd as vec

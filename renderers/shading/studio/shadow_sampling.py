@@ -1,7 +1,5 @@
 """Sampling of shadow maps at eight points: percentage closer filtering with bilinear weights."""
 
-from __future__ import annotations
-
 from typing import Final
 
 import numpy as np

@@ -8,8 +8,6 @@ filtered by percentage closer filtering (Reeves, Salesin, Cook 1987) with biline
 plane is computed for every texel, so that a plane never shadows itself.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass

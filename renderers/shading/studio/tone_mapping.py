@@ -8,8 +8,6 @@
 - ``none``: values are clamped to 0 .. 1.
 """
 
-from __future__ import annotations
-
 from typing import Final
 
 from renderers.color import linear_values_from_srgb

@@ -3,8 +3,6 @@
 Exact disparity is the best that any matcher could measure with this geometry.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Final
 

@@ -1,7 +1,5 @@
 """The device's post-processing of disparity images: minconf, depth range, maxdeptherr, seg and fill."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Final
 

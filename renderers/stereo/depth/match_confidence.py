@@ -6,8 +6,6 @@ the bits of the index of a weight, and the sum of all trees' weights gives the c
 ``match_confidence.json`` has errors and trees. ``python -m tools.calibration.confidence`` writes it.
 """
 
-from __future__ import annotations
-
 import json
 from dataclasses import dataclass
 from functools import cache

@@ -4,8 +4,6 @@ OpenCV's matcher finds the disparities. Its interpolation prefers whole pixels b
 ``residual_shift`` refine them. A step corrects the mean disparity of a window, so the first starts from smoothed ones.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """Depth images in millimetres: from disparity, and aligned to the colour camera."""
 
-from __future__ import annotations
-
 from typing import Final
 
 import numpy as np

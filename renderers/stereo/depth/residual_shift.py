@@ -8,8 +8,6 @@ One step of Lucas and Kanade (1981). Over a window, the shift is the least-squar
 It follows from the texture, the projector's dots, the sub-pixel phase and the image noise.
 """
 
-from __future__ import annotations
-
 from typing import Final
 
 import cv2

@@ -1,7 +1,5 @@
 """Geometry of the separate colour camera of an RGB-D camera."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

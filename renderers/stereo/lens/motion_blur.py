@@ -1,7 +1,5 @@
 """Motion blur: poses during the exposure, and the mean light of images that are rendered at them."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import Final
 

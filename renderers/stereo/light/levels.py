@@ -1,7 +1,5 @@
 """Levels of the light in camera images, and the parser of their option."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, fields
 from typing import Final
 

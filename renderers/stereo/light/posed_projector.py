@@ -3,8 +3,6 @@
 ``projector`` computes the light of the camera's own projector. There, a surface point has the same row in both images.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -10,8 +10,6 @@ The projector is a point: its light falls with the cosine and the square of the 
 of it to the cameras.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from functools import cache
 from typing import Final

@@ -5,8 +5,6 @@ at low resolution. Speckle is interference on the observer's side, so it differs
 to the dots, as on a surface that does not move. All arithmetic is on integers: the pattern is the same on every CPU.
 """
 
-from __future__ import annotations
-
 from functools import cache
 from typing import Final
 

@@ -6,8 +6,6 @@ projector's or the key light's, is divided by it.
 The key light and the fit of its shadow map are those of the ``studio`` look (``renderers.shading.studio.shadows``).
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 from typing import Final
 

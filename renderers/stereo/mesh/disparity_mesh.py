@@ -1,7 +1,5 @@
 """Triangle meshes from disparity images, in the left camera's optical frame."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 

@@ -4,8 +4,6 @@ A point of a bin has a disparity, ``bin_disparity``, and a position in the image
 from the top, pixels: (rows, columns) each.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from renderers.compiler.device_function import inlined

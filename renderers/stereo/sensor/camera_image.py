@@ -5,8 +5,6 @@
 the sensor: offsets of pixels and columns and gains of pixels, the same in every frame.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from enum import IntEnum
 from typing import Final

@@ -6,8 +6,6 @@ the power of gamma, as in the device's manual: 1 is a linear response, and lower
 (``noise_sigma``) is about 0.3 grey levels at mid grey and 0 dB, as in images recorded with a device.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, Final

@@ -1,7 +1,5 @@
 """Kernel of ``light_on_sensor``: light on the sensor from a rendered image."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from renderers.compiler.device_function import inlined

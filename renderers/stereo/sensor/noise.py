@@ -3,8 +3,6 @@
 There is no state, so a frame has the same bytes for any number of threads.
 """
 
-from __future__ import annotations
-
 from statistics import NormalDist
 from typing import Final
 

@@ -1,7 +1,5 @@
 """Kernel of ``image_from_light``: a camera image from a light image."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from renderers.compiler.device_function import inlined

@@ -1,7 +1,5 @@
 """The light of the page: the rig's, as three.js reads it."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 

@@ -1,7 +1,5 @@
 """The time of a page: paused while the scene goes on, at a moment of the history, playing, live again; and of a log."""
 
-from __future__ import annotations
-
 import asyncio
 from collections.abc import AsyncIterator
 from math import nan

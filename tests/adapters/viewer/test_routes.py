@@ -1,7 +1,5 @@
 """The view's routes, with a renderer that only counts."""
 
-from __future__ import annotations
-
 import asyncio
 import io
 from collections.abc import AsyncIterator, Callable

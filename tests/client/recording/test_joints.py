@@ -1,7 +1,5 @@
 """Joint values, from the sliders of robots in the page."""
 
-from __future__ import annotations
-
 import operator
 import queue
 from collections.abc import Iterator

@@ -1,7 +1,5 @@
 """``scenegate record --mcap --camera``: images at the camera's rate, depth at its own; a source that sends nothing."""
 
-from __future__ import annotations
-
 import asyncio
 import threading
 import time

@@ -3,8 +3,6 @@
 Sources: the rc_visard's manual, and backups of real devices.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from types import MappingProxyType

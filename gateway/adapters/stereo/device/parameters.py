@@ -1,7 +1,5 @@
 """Store of the device's parameters, with validation."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Iterable, Mapping
 from typing import Any, Final

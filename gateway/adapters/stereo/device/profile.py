@@ -3,8 +3,6 @@
 ``read_profile`` reads a shipped file from ``profiles/``, or a user's file.
 """
 
-from __future__ import annotations
-
 import math
 import tomllib
 from functools import cache

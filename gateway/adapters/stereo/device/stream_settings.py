@@ -1,7 +1,5 @@
 """Values of the parameters that affect the stream, as one immutable object per frame."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property

@@ -1,7 +1,5 @@
 """Timestamps in nanoseconds since the epoch, and as text."""
 
-from __future__ import annotations
-
 NANOSECONDS_PER_SECOND = 1_000_000_000
 
 

@@ -1,7 +1,5 @@
 """Images of the separate colour camera, with its rolling shutter."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import partial
 from typing import Final

@@ -1,7 +1,5 @@
 """The device's ``rc_measure``: mean, nearest and farthest point of a region of a depth image, and of its cells."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import Annotated, Any, Final, Literal

@@ -1,7 +1,5 @@
 """Effects of lights and lenses that need further renderings: projectors, shadows of the key light, motion blur."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import partial
 

@@ -1,7 +1,5 @@
 """Depth images of a frame by matching its camera images, with the device's parameters."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

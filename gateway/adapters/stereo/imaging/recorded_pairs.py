@@ -1,7 +1,5 @@
 """Recorded stereo pairs in place of the scene: a folder of images, their geometry, and the image source of frames."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace

@@ -1,7 +1,5 @@
 """Make the images and the depth of a frame, in worker threads."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Final

@@ -1,7 +1,5 @@
 """``/cameras/…``: descriptions and places of the cameras, and images that are captured on request, without a stream."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from typing import Annotated, Any, Final, Literal
 

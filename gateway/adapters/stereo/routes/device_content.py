@@ -1,7 +1,5 @@
 """Content of the device's REST interface as plain values: nodes, status values, services and system information."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any, Final

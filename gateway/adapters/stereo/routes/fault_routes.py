@@ -1,7 +1,5 @@
 """REST routes of fault injection. They respond with 403 unless the gateway was started with ``--stereo-faults``."""
 
-from __future__ import annotations
-
 from typing import Any, Final
 
 import msgspec

@@ -1,7 +1,5 @@
 """REST routes of the device's nodes: parameters, status values and services; their OpenAPI description."""
 
-from __future__ import annotations
-
 from typing import Annotated, Any, Final
 
 import msgspec

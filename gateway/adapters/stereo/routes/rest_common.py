@@ -1,7 +1,5 @@
 """Helpers of the stereo camera's REST routes: error responses, bodies with a limit, and the pipeline parameter."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Coroutine, Mapping, Sequence
 from typing import Annotated, Any, ClassVar, Final
 

@@ -1,7 +1,5 @@
 """The device's routes for its settings: backup, UI lock, time and reboot, and what the computer decides here."""
 
-from __future__ import annotations
-
 import time
 from calendar import timegm
 from collections.abc import Sequence

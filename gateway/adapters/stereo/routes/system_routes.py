@@ -1,7 +1,5 @@
 """The device's REST routes outside of camera nodes: system, time, logs, pipelines, data streams and global nodes."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Sequence
 from functools import partial

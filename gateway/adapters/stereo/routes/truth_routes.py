@@ -1,7 +1,5 @@
 """Ground truth of a frame, for training and tests."""
 
-from __future__ import annotations
-
 import io
 from typing import Annotated, Any, Final
 

@@ -1,7 +1,5 @@
 """Fault injection for test rigs: lost or late sets, broken streams, a frozen or wrong clock."""
 
-from __future__ import annotations
-
 import asyncio
 from collections.abc import Callable
 from random import Random

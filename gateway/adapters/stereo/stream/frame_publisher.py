@@ -1,7 +1,5 @@
 """Makes the image sets of captured frames in tasks and publishes them."""
 
-from __future__ import annotations
-
 import asyncio
 import time
 from collections.abc import Collection, Coroutine

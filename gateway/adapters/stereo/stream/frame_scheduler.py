@@ -1,7 +1,5 @@
 """Schedule and capture of frames: ``FrameClock`` computes due times, ``FrameScheduler`` captures the scene."""
 
-from __future__ import annotations
-
 import asyncio
 import math
 import time

@@ -1,7 +1,5 @@
 """gRPC server of the image stream, image events, health and reflection. Sends serialised bytes."""
 
-from __future__ import annotations
-
 import asyncio
 from collections.abc import AsyncIterator, Awaitable, Callable, Mapping
 from contextlib import asynccontextmanager

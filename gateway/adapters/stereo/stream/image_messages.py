@@ -5,8 +5,6 @@ protobuf serialises the small fields only, and the large ``data`` fields are app
 fields, so the bytes parse to the same message.
 """
 
-from __future__ import annotations
-
 import ctypes
 from collections.abc import Sequence
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """Kind of an image set: a client's request as a value. Clients with equal requests get the same serialised bytes."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import cached_property
 
