@@ -382,6 +382,16 @@ async def test_docs_and_landing_page_need_no_other_host(monkeypatch: pytest.Monk
         assert "validatorUrl" in (await client.get("/docs")).text
 
 
+@pytest.mark.parametrize(("only", "has_view"), [((), True), (("render",), False)])
+async def test_landing_page_links_the_view_where_there_is_one(
+    monkeypatch: pytest.MonkeyPatch, only: tuple[str, ...], has_view: bool
+) -> None:
+    use_interfaces(monkeypatch, render=add_route, view=lambda context: None)
+    async with running(only=only) as client:
+        links = re.findall(r"href=[\"']([^\"']+)", (await client.get("/")).text)
+    assert ("view" in links) == has_view
+
+
 async def test_metrics_show_the_queue(monkeypatch: pytest.MonkeyPatch) -> None:
     use_interfaces(monkeypatch)
     async with running() as client:
