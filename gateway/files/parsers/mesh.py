@@ -1,6 +1,7 @@
 """Reads mesh files: COLLADA with pycollada, OBJ, STL, PLY and VTK with our own parsers."""
 
-from typing import Any
+import re
+from typing import Any, Final
 
 import msgspec
 import numpy as np
@@ -13,6 +14,9 @@ from gateway.files.parsers.ply import read_ply
 from gateway.files.parsers.stl import read_stl
 from gateway.files.parsers.texture_files import ReadFile, TextureFiles
 from gateway.files.parsers.vtk import read_vtk
+
+_NOT_FINITE: Final = re.compile(rb"1\.#(?:IND|INF|QNAN|SNAN)\d*")
+"""Numbers that are not finite, as programs of Visual Studio before 2015 print them."""
 
 
 def read_mesh(read_file: ReadFile, data: bytes, extension: str, options: dict[str, Any]) -> MeshData | str:
@@ -47,6 +51,8 @@ def _read(read_file: ReadFile, data: bytes, extension: str, options: MeshOptions
     if extension == "dae":
         return read_collada(data, read_file, options)
     data = as_utf8(data)
+    if b"1.#" in data:
+        data = _NOT_FINITE.sub(lambda number: b"nan".ljust(len(number[0])), data)
     content = MeshData()
     textures = TextureFiles(read_file, content)
     if extension == "obj":

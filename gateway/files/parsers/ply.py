@@ -158,25 +158,42 @@ def _add_hints(elements: list[Element], drawn: Element | None, warnings: list[st
 
 
 def _with_known_values(body: bytes, elements: list[Element], warnings: list[str]) -> bytes:
-    """Return text without those values of the first rows that the header names wrongly, or not at all.
+    """Return text without those values of rows that the header names wrongly, or not at all.
 
-    Assimp 6.0 writes colours that it does not declare, and texture coordinates that it calls colours.
+    Assimp 6.0 writes colours that it does not declare, and texture coordinates that it calls colours. MeshLab wrote the
+    colours of a face's corners in place of the face's own.
     """
-    name, row_count, properties = next(each for each in elements if each.row_count)
-    declared, found = len(properties), len(body.lstrip().partition(b"\n")[0].split())
-    known = list(itertools.takewhile(lambda each: each.name in _PLACES, properties))
-    lines = [] if found == declared else body.strip().split(b"\n")
-    if len(lines) != sum(element.row_count for element in elements) or any(each.counter for each in properties):
+    lines, start = body.strip().split(b"\n"), 0
+    if len(lines) != sum(element.row_count for element in elements):
         return body
-    rows = [line.split()[: len(known)] for line in lines[:row_count]]
-    if any(len(row) < len(known) for row in rows):
-        return body
-    names = ", ".join(each.name for each in known) or "none"
-    warnings.append(
-        f"rows of its element {name!r} have {found} values, its header names {declared}; of them are read: {names}"
-    )
-    properties[:] = known
-    return b"\n".join((*map(b" ".join, rows), *lines[row_count:]))
+    for name, row_count, properties in elements:
+        rows, start = slice(start, start + row_count), start + row_count
+        words = lines[rows][0].split() if row_count else []
+        found, declared = len(words), _word_count(words, properties)
+        if found == declared or not row_count:
+            continue
+        known = list(itertools.takewhile(lambda each: each.counter is not None or each.name in _PLACES, properties))
+        row_words = [line.split() for line in lines[rows]]
+        counts = [_word_count(words, known) for words in row_words]
+        if any(len(words) < count for words, count in zip(row_words, counts, strict=True)):
+            return body
+        names = ", ".join(each.name for each in known) or "none"
+        warnings.append(
+            f"rows of its element {name!r} have {found} values, its header names {declared}; of them are read: {names}"
+        )
+        properties[:] = known
+        lines[rows] = [b" ".join(words[:count]) for words, count in zip(row_words, counts, strict=True)]
+        body = b"\n".join(lines)
+    return body
+
+
+def _word_count(words: list[bytes], properties: list[Property]) -> int:
+    """Return the number of words that a row of properties has, of which ``words`` are the first."""
+    count = 0
+    for each in properties:
+        is_length = each.counter is not None and count < len(words) and words[count].isdigit()
+        count += 1 + (int(words[count][:9]) if is_length else 0)
+    return count
 
 
 def _read_columns(body: bytes, elements: list[Element], is_text: bool) -> dict[str, _Columns]:
