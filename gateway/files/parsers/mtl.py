@@ -7,7 +7,7 @@ from typing import Final
 
 import numpy as np
 
-from gateway.files.parsers.mesh_data import Shape, as_utf8
+from gateway.files.parsers.mesh_data import Shape, as_utf8, srgb_bytes
 from gateway.files.parsers.texture_files import ReadFile, TextureFiles
 
 _BETWEEN_LIBRARIES: Final = re.compile(r"(?<=\.mtl)\s+", re.IGNORECASE)
@@ -55,6 +55,10 @@ def set_material(
         _place_texture(shape, map_kd, warnings)
         if not any(color):  # a black one would hide the texture
             color = (1.0, 1.0, 1.0)
+    elif shape.colors is not None:
+        own = bytes((*srgb_bytes(np.array(color)).tolist(), 255))
+        if shape.colors == own * (len(shape.colors) // len(own)):  # written twice, for readers of either
+            shape.colors = None
     map_d = _texture_name(material.get("map_d", ""))
     if map_d and (shape.image is None or map_d != _texture_name(map_kd)):  # the alpha of map_Kd is drawn
         warnings.append(f"map_d {map_d[:60]!r} is ignored, as only the alpha of map_Kd is read")

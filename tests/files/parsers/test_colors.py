@@ -204,6 +204,15 @@ def test_the_material_of_an_obj_file_multiplies_its_colors(statement: str, shade
     assert np.frombuffer(shape.colors or b"", np.uint8).reshape(-1, 4)[:, :3].tolist() == (255 * np.eye(3)).tolist()
 
 
+def test_a_colour_of_an_obj_file_in_both_vertices_and_material_is_drawn_once() -> None:
+    """The robots of gb-robot-models have both, for Rerun and for RViz."""
+    rgb = "0.333333333 0.117647059 0.1"
+    text = f"mtllib m.mtl\nusemtl m\nv 0 0 0 {rgb}\nv 1 0 0 {rgb}\nv 0 1 0 {rgb}\nf 1 2 3\n"
+    (shape,) = read_obj(text, {"m.mtl": f"newmtl m\nKd {rgb}\n"}).shapes
+    assert shape.color == pytest.approx((1 / 3, 2 / 17, 0.1, 1))
+    assert shape.colors is None
+
+
 @pytest.mark.parametrize(
     ("libraries", "kd"),
     [
