@@ -4,30 +4,29 @@ import io
 import re
 from collections.abc import Iterator
 from typing import Any, Final
-from xml.etree import ElementTree
-from xml.parsers import expat
 
 import collada
 import numpy as np
 from numpy.typing import NDArray
 
+from gateway.files.parsers.collada_xml import (
+    RINGS,
+    checked_document,
+    with_images_of_samplers,
+    with_known_elements,
+    without_lost_materials,
+)
 from gateway.files.parsers.mesh_data import MeshData, MeshFaultError, MeshOptions, Shape, shape_of
 from gateway.files.parsers.polygons import triangles_of_polygons, triangles_of_rings
 from gateway.files.parsers.texture_files import ReadFile, TextureFiles
 from scenegate.transforms import origin_amid
 
-MAX_ELEMENTS: Final = 1_000_000
-"""Maximum number of XML elements: each takes up to 1 kB while the file is read. Large scenes have some thousands."""
 MAX_ERRORS: Final = 20
 """Maximum number of errors that are listed."""
-MAX_XML_DEPTH: Final = 512
-"""Maximum depth of XML elements: 256 levels of nodes, and the elements inside the last one."""
 MAX_VISITED_NODES: Final = 1_000_000
 """Maximum number of nodes that hold geometry, after all ``<instance_node>`` are expanded."""
 _NUMBERS: Final = re.compile(rb"""[>"'][-+\d.,eE\s]+[<"']""")
 """Text or attribute of numbers. Some have commas for decimal points, as 3ds Max writes in many languages."""
-_RINGS: Final = "rings"
-"""Attribute of polygons that had holes, see ``_with_known_primitives``."""
 _X_UP: Final = ((0.0, -1.0, 0.0, 0.0), (0.0, 0.0, -1.0, 0.0), (1.0, 0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0))
 _Y_UP: Final = ((1.0, 0.0, 0.0, 0.0), (0.0, 0.0, -1.0, 0.0), (0.0, 1.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0))
 _UP_AXES: Final = {"X_UP": np.array(_X_UP), "Y_UP": np.array(_Y_UP), "Z_UP": np.eye(4)}
@@ -39,15 +38,18 @@ def read_collada(data: bytes, read_file: ReadFile, options: MeshOptions) -> Mesh
     """Return the content of a COLLADA file, in metres. Raises MeshFaultError if it is damaged, or beyond a limit."""
     data = data.lstrip()  # some files have a blank line before the XML declaration
     data = data.replace(b'="<', b'="&lt;')  # Assimp calls the root of STL files <STL_BINARY>
-    data = _checked_document(data)
-    data = _with_known_primitives(data)
+    data = checked_document(data)
+    data = with_known_elements(data)
     document = collada.Collada(io.BytesIO(data), ignore=[collada.DaeError])
     if b"," in data and any(isinstance(error, collada.DaeMalformedError) for error in document.errors):
         data = _NUMBERS.sub(lambda numbers: numbers[0].replace(b",", b"."), data)
         document = collada.Collada(io.BytesIO(data), ignore=[collada.DaeError])
+    if _has_lost_materials(document):
+        data = with_images_of_samplers(data)
+        document = collada.Collada(io.BytesIO(data), ignore=[collada.DaeError])
     errors = document.errors
-    if any(isinstance(error, collada.DaeBrokenRefError) and "Material" in str(error.msg) for error in errors):
-        document = collada.Collada(io.BytesIO(_without_lost_materials(document, data)), ignore=[collada.DaeError])
+    if _has_lost_materials(document):
+        document = collada.Collada(io.BytesIO(without_lost_materials(document, data)), ignore=[collada.DaeError])
     scene = document.scene or (document.scenes[0] if len(document.scenes) == 1 else None)
     if scene is None:
         raise MeshFaultError("it has no <scene>")
@@ -62,67 +64,9 @@ def read_collada(data: bytes, read_file: ReadFile, options: MeshOptions) -> Mesh
     return reader.result
 
 
-def _with_known_primitives(data: bytes) -> bytes:
-    """Return a document without what makes pycollada leave out a mesh or a polygon.
-
-    It refuses a mesh that also has ``<linestrips>``, and passes over polygons with holes (``<ph>``): they become ones
-    without, whose attribute ``_RINGS`` has the number of indices in the outline and in each hole.
-    """
-    if b"linestrips" not in data and b"ph>" not in data:
-        return data
-    root = ElementTree.fromstring(data)  # noqa: S314 - _checked_document refused what could be dangerous
-    for parent in root.iter():
-        for child in parent.findall("./{*}ph"):
-            rings = [(ring.text or "").split() for ring in child]
-            if any(rings):
-                polygon = ElementTree.SubElement(parent, child.tag.replace("}ph", "}p"))
-                polygon.text = " ".join(index for ring in rings for index in ring)
-                polygon.set(_RINGS, " ".join(str(len(ring)) for ring in rings))
-        for child in (*parent.findall("./{*}ph"), *parent.findall("./{*}linestrips")):
-            parent.remove(child)
-    return ElementTree.tostring(root)
-
-
-def _without_lost_materials(document: Any, data: bytes) -> bytes:
-    """Return a document without references to materials that could not be read: pycollada leaves out their meshes."""
-    root = ElementTree.fromstring(data)  # noqa: S314 - _checked_document refused what could be dangerous
-    known = {f"#{material.id}" for material in document.materials}
-    for parent in root.iter():
-        for child in list(parent):
-            if child.tag.endswith("}instance_material") and child.get("target") not in known:
-                parent.remove(child)
-    return ElementTree.tostring(root)
-
-
-def _checked_document(data: bytes) -> bytes:
-    """Return a document without what follows it: some exporters leave rests of older files.
-
-    Raises MeshFaultError if size or depth is beyond a limit, before a tree is built, or it is no XML.
-    """
-    parser = expat.ParserCreate()
-    count = depth = last_tag = 0
-
-    def start(name: str, attributes: dict[str, str]) -> None:
-        nonlocal count, depth
-        count, depth = count + 1, depth + 1
-        if count > MAX_ELEMENTS or depth > MAX_XML_DEPTH:
-            raise MeshFaultError(f"it has more than {MAX_ELEMENTS} XML elements, or more than {MAX_XML_DEPTH} levels")
-
-    def end(name: str) -> None:
-        nonlocal depth, last_tag
-        depth, last_tag = depth - 1, parser.CurrentByteIndex
-
-    def doctype(*_: object) -> None:
-        raise MeshFaultError("COLLADA documents with a DOCTYPE are refused")
-
-    parser.StartElementHandler, parser.EndElementHandler, parser.StartDoctypeDeclHandler = start, end, doctype
-    try:
-        parser.Parse(data, True)
-    except expat.ExpatError as error:
-        if depth > 0 or count == 0:
-            raise MeshFaultError(f"it cannot be read as DAE: {error}") from None
-        return data[: data.find(b">", last_tag) + 1]
-    return data
+def _has_lost_materials(document: Any) -> bool:
+    """Return True if a material cannot be read: pycollada leaves out the meshes that have it."""
+    return any(isinstance(each, collada.DaeBrokenRefError) and "Material" in str(each.msg) for each in document.errors)
 
 
 def _axes(document: Any, use_up_axis: bool) -> NDArray[np.float64]:
@@ -314,7 +258,7 @@ def _triangle_set(polygons: Any) -> Any:
     starts, positions = np.cumsum(sizes) - sizes, _corners(polygons.vertex, polygons.vertex_index, "vertices")
     with_holes = []
     for number, polygon in enumerate(polygons.xmlnode.findall("./{*}p")):
-        if rings := polygon.get(_RINGS):
+        if rings := polygon.get(RINGS):
             place, lengths = starts[number], np.array(rings.split(), np.int64)
             own = positions[place : place + sizes[number]]
             with_holes.append(place + triangles_of_rings(own, lengths * sizes[number] // max(1, lengths.sum())))

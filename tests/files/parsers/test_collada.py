@@ -138,6 +138,33 @@ def test_a_mesh_with_a_broken_material_is_drawn(image: str) -> None:
     assert read(data.replace('<image id="i"><init_from> {} </init_from></image>', image))
 
 
+@pytest.mark.parametrize(
+    ("sampler", "texture", "version"),
+    [("<source>lost</source>", "i", "1.4"), ('<instance_image url="#i"/>', "a", "1.5")],
+)
+def test_textures_of_samplers_without_a_surface(sampler: str, texture: str, version: str) -> None:
+    """ANYmal's foot names a surface that it does not have. COLLADA 1.5 has none, and ``<ref>`` in images."""
+    library = f'<newparam sid="a"><sampler2D>{sampler}</sampler2D></newparam>'
+    shader = f'<phong><diffuse><texture texture="{texture}" texcoord="t"/></diffuse></phong>'
+    uv = '<input semantic="TEXCOORD" source="#t" offset="0"/>'
+    triangles = f'<triangles material="s" count="1">{INPUT}{uv}<p>0 1 2</p></triangles>'
+    data = document(triangles, sources=source("t", "0 0 1 0 1 1", "ST"), shader=shader, library=library)
+    data = data.replace("{}", "<ref>t.png</ref>" if version == "1.5" else "t.png")
+    shape, content = read(data)
+    assert shape.image == 0
+    assert [name for name, _ in content.images] == ["t.png"]
+    assert content.warnings == []
+
+
+def test_a_node_that_looks_at_a_point() -> None:
+    """From (1, 2, 3) towards +x: -z of the node is +x, its x is -y, and its y is z."""
+    data = document(TRIANGLES).replace("<translate>0 0 5</translate>", "<lookat>1 2 3 9 2 3 4 0 7</lookat>")
+    _, content = read(data)
+    ((_, X),) = content.instances
+    pose = np.frombuffer(X).reshape(4, 4)
+    assert pose == pytest.approx(np.array([(0, 0, -1, 1), (-1, 0, 0, 2), (0, 1, 0, 3), (0, 0, 0, 1)]))
+
+
 def test_a_material_that_is_bound_to_another_symbol() -> None:
     """As Aspose.3D writes it; Assimp does the same."""
     shader = "<lambert><diffuse><color>0 1 0 1</color></diffuse></lambert>"

@@ -1,0 +1,121 @@
+"""Checks the XML of COLLADA files, and rewrites what pycollada refuses, misreads or passes over."""
+
+import contextlib
+from typing import Any, Final
+from xml.etree import ElementTree
+from xml.parsers import expat
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gateway.files.parsers.mesh_data import MeshFaultError
+
+MAX_ELEMENTS: Final = 1_000_000
+"""Maximum number of XML elements: each takes up to 1 kB while the file is read. Large scenes have some thousands."""
+MAX_XML_DEPTH: Final = 512
+"""Maximum depth of XML elements: 256 levels of nodes, and the elements inside the last one."""
+RINGS: Final = "rings"
+"""Attribute of polygons that had holes, see ``with_known_elements``."""
+
+
+def checked_document(data: bytes) -> bytes:
+    """Return a document without what follows it: some exporters leave rests of older files.
+
+    Raises MeshFaultError if size or depth is beyond a limit, before a tree is built, or it is no XML.
+    """
+    parser = expat.ParserCreate()
+    count = depth = last_tag = 0
+
+    def start(name: str, attributes: dict[str, str]) -> None:
+        nonlocal count, depth
+        count, depth = count + 1, depth + 1
+        if count > MAX_ELEMENTS or depth > MAX_XML_DEPTH:
+            raise MeshFaultError(f"it has more than {MAX_ELEMENTS} XML elements, or more than {MAX_XML_DEPTH} levels")
+
+    def end(name: str) -> None:
+        nonlocal depth, last_tag
+        depth, last_tag = depth - 1, parser.CurrentByteIndex
+
+    def doctype(*_: object) -> None:
+        raise MeshFaultError("COLLADA documents with a DOCTYPE are refused")
+
+    parser.StartElementHandler, parser.EndElementHandler, parser.StartDoctypeDeclHandler = start, end, doctype
+    try:
+        parser.Parse(data, True)
+    except expat.ExpatError as error:
+        if depth > 0 or count == 0:
+            raise MeshFaultError(f"it cannot be read as DAE: {error}") from None
+        return data[: data.find(b">", last_tag) + 1]
+    return data
+
+
+def with_known_elements(data: bytes) -> bytes:
+    """Return a document without what makes pycollada leave out a mesh or a polygon, or misplace a node.
+
+    It refuses a mesh that also has ``<linestrips>``, and passes over polygons with holes (``<ph>``): they become ones
+    without, whose attribute ``RINGS`` has the number of indices in the outline and in each hole. Its matrix of a
+    ``<lookat>`` is transposed.
+    """
+    if b"linestrips" not in data and b"ph>" not in data and b"lookat" not in data:
+        return data
+    root = ElementTree.fromstring(data)  # noqa: S314 - checked_document refused what could be dangerous
+    for parent in root.iter():
+        for child in parent.findall("./{*}ph"):
+            rings = [(ring.text or "").split() for ring in child]
+            if any(rings):
+                polygon = ElementTree.SubElement(parent, child.tag.replace("}ph", "}p"))
+                polygon.text = " ".join(index for ring in rings for index in ring)
+                polygon.set(RINGS, " ".join(str(len(ring)) for ring in rings))
+        for child in (*parent.findall("./{*}ph"), *parent.findall("./{*}linestrips")):
+            parent.remove(child)
+        for child in parent.findall("./{*}lookat"):
+            with contextlib.suppress(ValueError):
+                numbers = np.array((child.text or "").split(), np.float64).reshape(3, 3)
+                child.text = " ".join(map(str, _looking_at(*numbers).ravel().tolist()))
+                child.tag = child.tag.replace("}lookat", "}matrix")
+    return ElementTree.tostring(root)
+
+
+def _looking_at(eye: NDArray[Any], target: NDArray[Any], up: NDArray[Any]) -> NDArray[np.float64]:
+    """Return the (4, 4) pose of a frame at ``eye`` whose -z axis points at ``target``."""
+    z = eye - target
+    x = np.cross(up, z)
+    X = np.eye(4)
+    X[:3] = np.column_stack([axis / np.linalg.norm(axis) for axis in (x, np.cross(z, x), z)] + [eye])
+    return X
+
+
+def with_images_of_samplers(data: bytes) -> bytes:
+    """Return a document whose textures name images in place of samplers that name no surface.
+
+    COLLADA 1.5 has no surfaces, and files of images in ``<ref>``. Files of 1.4 may name a surface that they do not
+    have, and in ``<texture>`` an image.
+    """
+    root = ElementTree.fromstring(data)  # noqa: S314 - checked_document refused what could be dangerous
+    for source in root.findall(".//{*}init_from"):
+        source.text = source.findtext("./{*}ref") or source.text
+    for profile in root.findall(".//{*}profile_COMMON"):
+        params = [(parent, param) for parent in profile.iter() for param in parent.findall("./{*}newparam")]
+        surfaces = {param.get("sid") for _, param in params if param.find("./{*}surface") is not None}
+        images: dict[str | None, str] = {}
+        for parent, param in params:
+            sampler = param.find("./{*}sampler2D")
+            if sampler is not None and sampler.findtext("./{*}source") not in surfaces:
+                parent.remove(param)
+                for image in sampler.findall("./{*}instance_image"):
+                    images[param.get("sid")] = image.get("url", "").removeprefix("#")
+        for texture in profile.findall(".//{*}texture"):
+            name = texture.get("texture", "")
+            texture.set("texture", images.get(name, name))
+    return ElementTree.tostring(root)
+
+
+def without_lost_materials(document: Any, data: bytes) -> bytes:
+    """Return a document without references to materials that could not be read: pycollada leaves out their meshes."""
+    root = ElementTree.fromstring(data)  # noqa: S314 - checked_document refused what could be dangerous
+    known = {f"#{material.id}" for material in document.materials}
+    for parent in root.iter():
+        for child in list(parent):
+            if child.tag.endswith("}instance_material") and child.get("target") not in known:
+                parent.remove(child)
+    return ElementTree.tostring(root)
