@@ -37,7 +37,7 @@ def read_materials(libraries: list[str], read_file: ReadFile) -> tuple[dict[str,
             if not keyword.startswith("map"):
                 value = value.partition(" #")[0]
             if keyword == "newmtl":
-                material = materials[value.strip()] = {}
+                material = materials[" ".join(value.split())] = {}
             else:
                 material[keyword] = value.strip()
     return materials, folders

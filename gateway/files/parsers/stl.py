@@ -12,6 +12,10 @@ _TRIANGLE: Final = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), (
 _HEADER_BYTES: Final = 80
 _DATA_BYTE: Final = 84
 _VERTEX: Final = re.compile(rb"(?i)\bvertex\s+((?:(?:[-+.\d]|nan|inf)\S*\s+){2}\S+)")
+_TEXT: Final = re.compile(rb"(?i)^\W*solid|^\s*facet\s", re.MULTILINE)
+"""Start of text, which may have a byte order mark, or comments before it."""
+_TEXT_BYTES: Final = 1024
+"""Bytes in which text begins."""
 _WITHOUT_OWN_COLOR: Final = (0, 0x8000, 0xFFFF)
 """Spare bytes of triangles that have the object's colour, in files of Magics."""
 
@@ -24,7 +28,7 @@ def read_stl(
     Raises MeshFaultError if there are none, or too many.
     """
     stated = int.from_bytes(data[_HEADER_BYTES:_DATA_BYTE], "little")
-    is_text = len(data) != _DATA_BYTE + _TRIANGLE.itemsize * stated and data.lstrip()[:5].lower() == b"solid"
+    is_text = len(data) != _DATA_BYTE + _TRIANGLE.itemsize * stated and _TEXT.search(data, 0, _TEXT_BYTES) is not None
     vertices: list[bytes] = _VERTEX.findall(data) if is_text else []
     count, rest = divmod(max(len(data) - _DATA_BYTE, 0), _TRIANGLE.itemsize)
     if vertices:

@@ -222,9 +222,9 @@ def test_a_colour_of_an_obj_file_in_both_vertices_and_material_is_drawn_once() -
     ],
 )
 def test_materials_of_several_mtl_files(libraries: str, kd: str) -> None:
-    files = {"other.mtl": "newmtl gray\nKd 0.4\n", "m.mtl": f"newmtl m # first\r\n{kd}\r\n"}
+    files = {"other.mtl": "newmtl  light  gray\nKd 0.4\n", "m.mtl": f"newmtl m # first\r\n{kd}\r\n"}
     files["my m.mtl"] = files["other.mtl"] + files["m.mtl"]
-    text = f"{libraries}v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nusemtl m\nf 1 2 3\nusemtl gray\nf 1 2 4\n"
+    text = f"{libraries}v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nusemtl m\nf 1 2 3\nusemtl light gray\nf 1 2 4\n"
     result = read_obj(text, files)
     colors = sorted(shape.color for shape in result.shapes if shape.color)
     assert colors == [pytest.approx((0.4, 0.4, 0.4, 1)), pytest.approx((1, 0.2, 0, 1))]
