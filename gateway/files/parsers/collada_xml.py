@@ -1,6 +1,7 @@
 """Checks the XML of COLLADA files, and rewrites what pycollada refuses, misreads or passes over."""
 
 import contextlib
+import re
 from typing import Any, Final
 from xml.etree import ElementTree
 from xml.parsers import expat
@@ -14,6 +15,8 @@ MAX_ELEMENTS: Final = 1_000_000
 """Maximum number of XML elements: each takes up to 1 kB while the file is read. Large scenes have some thousands."""
 MAX_XML_DEPTH: Final = 512
 """Maximum depth of XML elements: 256 levels of nodes, and the elements inside the last one."""
+_OF_PROFILES: Final = ("}image", "}newparam")
+_EFFECT_WITH_IMAGE: Final = re.compile(rb"<effect\b[^>]*>\s*<(?:image|newparam)\b")
 RINGS: Final = "rings"
 """Attribute of polygons that had holes, see ``with_known_elements``."""
 
@@ -54,11 +57,14 @@ def with_known_elements(data: bytes) -> bytes:
 
     It refuses a mesh that also has ``<linestrips>``, and passes over polygons with holes (``<ph>``): they become ones
     without, whose attribute ``RINGS`` has the number of indices in the outline and in each hole. Its matrix of a
-    ``<lookat>`` is transposed.
+    ``<lookat>`` is transposed. Images and parameters of an effect are found in its profile only.
     """
-    if b"linestrips" not in data and b"ph>" not in data and b"lookat" not in data:
+    if not any(word in data for word in (b"linestrips", b"ph>", b"lookat")) and not _EFFECT_WITH_IMAGE.search(data):
         return data
     root = ElementTree.fromstring(data)  # noqa: S314 - checked_document refused what could be dangerous
+    for effect in root.findall(".//{*}effect[{*}profile_COMMON]"):
+        effect.findall("./{*}profile_COMMON")[0][:0] = [child for child in effect if child.tag.endswith(_OF_PROFILES)]
+        effect[:] = [child for child in effect if not child.tag.endswith(_OF_PROFILES)]
     for parent in root.iter():
         for child in parent.findall("./{*}ph"):
             rings = [(ring.text or "").split() for ring in child]

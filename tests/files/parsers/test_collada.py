@@ -156,6 +156,21 @@ def test_textures_of_samplers_without_a_surface(sampler: str, texture: str, vers
     assert content.warnings == []
 
 
+def test_a_texture_whose_parameters_are_in_the_effect() -> None:
+    library = (
+        '<image id="j"><init_from>t.png</init_from></image>'
+        '<newparam sid="f"><surface type="2D"><init_from>j</init_from></surface></newparam>'
+        '<newparam sid="a"><sampler2D><source>f</source></sampler2D></newparam>'
+    )
+    uv = '<input semantic="TEXCOORD" source="#t" offset="0"/>'
+    triangles = f'<triangles material="s" count="1">{INPUT}{uv}<p>0 1 2</p></triangles>'
+    shader = '<phong><diffuse><texture texture="a" texcoord="t"/></diffuse></phong>'
+    data = document(triangles, sources=source("t", "0 0 1 0 1 1", "ST"), shader=shader)
+    shape, content = read(data.replace('<effect id="e">', f'<effect id="e">{library}'))
+    assert shape.image == 0
+    assert content.warnings == []
+
+
 def test_a_node_that_looks_at_a_point() -> None:
     """From (1, 2, 3) towards +x: -z of the node is +x, its x is -y, and its y is z."""
     data = document(TRIANGLES).replace("<translate>0 0 5</translate>", "<lookat>1 2 3 9 2 3 4 0 7</lookat>")
