@@ -119,7 +119,7 @@ def test_urdf_robots_load_with_geometry(urdf_robots: dict[Path, Robot]) -> None:
     without = {path.name for path, robot in urdf_robots.items() if not any(robot.parts)}
     assert without == {"romeo_laas_small.urdf", "simple_humanoid_classical.urdf"}
     mentioned = {path.name for path, robot in urdf_robots.items() if robot.warnings}
-    assert {"anymal.urdf"} <= mentioned
+    assert mentioned >= {"alex_psyonic_hands.urdf", "romeo_laas_small.urdf", "talos_reduced_corrected.urdf"}
 
 
 @pytest.mark.drake
