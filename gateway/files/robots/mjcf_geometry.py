@@ -85,13 +85,14 @@ class MjcfGeometry:
         """Return a mask, (ngeom,), of the geometries that are for collisions only.
 
         These are all of ``COLLISION_GROUP`` and higher groups, and colliding ones of group 0 whose body also has
-        geometries of group 1 or 2 that do not collide.
+        geometries of group 1 or 2 that do not collide. The world is no such body: a floor is not for collisions only.
         """
         model = self._model
         group = model.geom_group
         collides = self._collides()
         has_visual = np.zeros(model.nbody, np.bool_)
         has_visual[model.geom_bodyid[~collides & (group >= 1) & (group < COLLISION_GROUP)]] = True
+        has_visual[0] = False
         return np.asarray((group >= COLLISION_GROUP) | ((group == 0) & collides & has_visual[model.geom_bodyid]))
 
     def _shape(self, index: int, use: GeometryUse) -> tuple[Shape | None, bool]:

@@ -79,16 +79,17 @@ def test_bodies_joints_and_shapes(tmp_path: Path) -> None:
 
 
 def test_which_geometry_is_for_collisions(tmp_path: Path) -> None:
-    """Group 3 and above; and group 0 of a body that has geometry for the eye only."""
+    """Group 3 and above; and group 0 of a body that has geometry for the eye only, but a floor in the world."""
     content = mjcf(
+        '<geom size="7"/><geom size="8" group="2" contype="0" conaffinity="0"/>'
         '<body name="menagerie"><geom size="1" group="2" contype="0" conaffinity="0"/><geom size="2" group="3"/></body>'
         '<body name="robosuite"><geom size="3" group="1" contype="0" conaffinity="0"/><geom size="4" group="0"/></body>'
         '<body name="plain"><geom size="5"/><geom size="6" rgba="1 1 1 0"/></body>'
     )
     seen = [[part.shape for part in parts] for parts in read(tmp_path, content).parts]
-    assert seen == [[], [Sphere(1.0)], [Sphere(3.0)], [Sphere(5.0)]]
+    assert seen == [[Sphere(7.0), Sphere(8.0)], [Sphere(1.0)], [Sphere(3.0)], [Sphere(5.0)]]
     touched = [[part.shape for part in parts] for parts in read(tmp_path, content, geometry="collision").parts]
-    assert touched == [[], [Sphere(2.0)], [Sphere(4.0)], [Sphere(5.0), Sphere(6.0)]]
+    assert touched == [[Sphere(7.0)], [Sphere(2.0)], [Sphere(4.0)], [Sphere(5.0), Sphere(6.0)]]
 
 
 def test_materials_and_textures(tmp_path: Path) -> None:
