@@ -92,7 +92,7 @@ class RobotFiles:
 
         If no file has the literal name, backslashes are read as slashes, then URL escapes (``%20``) are decoded. A path
         of another machine, ``/…/share/NAME/rest`` or ``/…/NAME/meshes/…``, is that of a package's file; at last, each
-        of its folders is taken for the package.
+        of its folders is taken for the package. A relative path may be relative to a folder above the robot file.
         """
         scheme, rest = _split_name(name)
         missing: list[Path] = []
@@ -105,11 +105,19 @@ class RobotFiles:
             for folder in self._package_folders(package):
                 if (folder / path_in_package).is_file():
                     start = name.partition(package)[0] + package
-                    note = f"{start} is not on this machine, its files are read from {folder}"
-                    if note not in self.notes:
-                        self.notes.append(note)
-                    return Path(os.path.realpath(folder / path_in_package))
+                    return self._elsewhere(f"{start} is not on this machine", folder, path_in_package)
+        for folder in self._folder.parents if "/" in rest and not scheme else ():
+            if (folder / rest).is_file():
+                start = rest.partition("/")[0]
+                return self._elsewhere(f"{start} is not beside the robot file", folder, rest)
         raise RobotFileError(self._not_found(name, scheme, missing))
+
+    def _elsewhere(self, reason: str, folder: Path, path: str) -> Path:
+        """Return the path of a file in a folder, with a note about it."""
+        note = f"{reason}, its files are read from {folder}"
+        if note not in self.notes:
+            self.notes.append(note)
+        return Path(os.path.realpath(folder / path))
 
     def find_model(self, uri: str, folder: Path) -> Path:
         """Return the path of a model that an SDF file in a folder includes; raises RobotFileError if there is none.

@@ -100,6 +100,16 @@ def test_outside_of_ros_the_rest_of_a_package_path_is_looked_for_upward(tmp_path
     assert read_robot(robot_file).parts[0]
 
 
+def test_relative_paths_may_begin_in_a_folder_above(tmp_path: Path) -> None:
+    """As in Isaac Gym, and in PyBullet."""
+    write(tmp_path / "assets" / "ycb", TRIANGLE, "mug/m.obj")
+    robot = read_robot(write(tmp_path / "assets" / "ycb" / "mug", mesh("ycb/mug/m.obj"), "mug.urdf"))
+    assert robot.parts[0]
+    assert robot.notes == (f"ycb is not beside the robot file, its files are read from {tmp_path / 'assets'}",)
+    write(tmp_path, TRIANGLE, "other.obj")
+    assert "there is no such file" in warning(write(tmp_path / "urdf", mesh("other.obj")))
+
+
 def test_names_may_be_relative_to_a_root(tmp_path: Path) -> None:
     write(tmp_path / "meshes", TRIANGLE, "m.obj")
     robot_file = write(tmp_path / "deep" / "folder", mesh("m.obj"))
