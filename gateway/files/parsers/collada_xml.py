@@ -16,7 +16,7 @@ MAX_ELEMENTS: Final = 1_000_000
 MAX_XML_DEPTH: Final = 512
 """Maximum depth of XML elements: 256 levels of nodes, and the elements inside the last one."""
 _OF_PROFILES: Final = ("}image", "}newparam")
-_EFFECT_WITH_IMAGE: Final = re.compile(rb"<effect\b[^>]*>\s*<(?:image|newparam)\b")
+_EFFECT_WITH_IMAGE: Final = re.compile(rb"<effect\b[^<>]*>\s*<(?:image|newparam)\b")
 RINGS: Final = "rings"
 """Attribute of polygons that had holes, see ``with_known_elements``."""
 

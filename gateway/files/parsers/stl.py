@@ -12,7 +12,7 @@ _TRIANGLE: Final = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), (
 _HEADER_BYTES: Final = 80
 _DATA_BYTE: Final = 84
 _VERTEX: Final = re.compile(rb"(?i)\bvertex\s+((?:(?:[-+.\d]|nan|inf)\S*\s+){2}\S+)")
-_TEXT: Final = re.compile(rb"(?i)^\W*solid|^\s*facet\s", re.MULTILINE)
+_TEXT: Final = re.compile(rb"(?im)^[^\w\n]*(?:solid|facet\s)")
 """Start of text, which may have a byte order mark, or comments before it."""
 _TEXT_BYTES: Final = 1024
 """Bytes in which text begins."""
