@@ -46,7 +46,7 @@ PRIOR: Final = 200.0
 """Weight of the mean error of all matches in a cell, pixels."""
 TREES: Final = 24
 """Number of trees."""
-RATE: Final = 0.5
+RATE: Final = 0.3
 """Share of its best step that a tree takes; the last tree takes all of it."""
 RIDGE: Final = 20.0
 """Penalty of squared weights: those of rare leaves stay small."""
@@ -59,7 +59,7 @@ class Matches:
     """Some matches of a sample."""
 
     features: NDArray[np.float32]
-    """(9, N) float32, ``FEATURES``."""
+    """(11, N) float32, ``FEATURES``."""
     deviations: NDArray[np.float32]
     """(N,) float32, absolute differences from the exact disparity, pixels."""
 
@@ -102,7 +102,8 @@ def collect(sample: Sample, matches: NDArray[np.uint16], pixels: int) -> Iterato
 
 def matches_of(sample: Sample) -> NDArray[np.uint16]:
     """Return the matches of a sample, as ``find_matches``."""
-    return find_matches(sample.left, sample.right, sample.disparity_count, sample.noise_sigma)
+    noise, divisor = sample.noise_sigma, sample.settings.quality.divisor
+    return find_matches(sample.left, sample.right, sample.disparity_count, noise, divisor)
 
 
 def error_bins(features: NDArray[np.float32]) -> tuple[NDArray[np.intp], ...]:
@@ -129,7 +130,7 @@ def fit_trees(features: NDArray[np.float32], is_right: NDArray[np.bool_]) -> lis
     """Return the trees of a gradient boosting with Newton's steps, of which all leaves of a level compare alike.
 
     Args:
-        features: (9, N) float32.
+        features: (11, N) float32.
         is_right: (N,).
     """
     shares = np.linspace(0.0, 1.0, BORDERS + 2)[1:-1]

@@ -26,12 +26,14 @@ FEATURES: Final = {
     "min_texture": "least texture of the small windows nearby: an edge alone may be that of another surface",
     "texture": "texture of the window",
     "wide_texture": "texture of the wide window: it guides semi-global matching where the window has none",
-    "even_texture": "the same, without the excess of strong gradients: high where texture covers the window",
     "residual": "difference of both images in the window at the match, relative to the gradients, without local means",
     "distinctness": "how much more both images differ 2 pixels beside the match, relative to the difference at it",
     "matched_share": "share of pixels with a match in the medium window",
     "disparity_range": "range of the disparities in the window, pixels",
     "step": "share of the gradients in the window that add up: 1 for one edge, as of a silhouette, 0 for texture",
+    "small_residual": "the same as residual in 3 x 3 pixels, beside an edge those of one surface",
+    "nearer_right": "how much nearer the nearest match up to 8 pixels right of it is: left of edges, points are hidden",
+    "nearer_left": "the same to the left",
 }
 """Names of the features and their meanings, in the order of their planes. Texture is the root mean square of the
 horizontal gradient beyond the image noise, relative to it."""
@@ -57,14 +59,12 @@ _FULL_BLUR: Final = 3
 pixels have twice the noise of those at ``High``, and half the gradients."""
 _FULL_BLUR_NOISE: Final = (2.0 / _FULL_BLUR**3) ** 0.5
 """Noise of the gradient of such means, relative to that of the image's."""
-_SMALL_WINDOW, _WINDOW, _MEDIUM_WINDOW, _WIDE_WINDOW = 5, 9, 21, 41
+_TINY_WINDOW, _SMALL_WINDOW, _WINDOW, _MEDIUM_WINDOW, _WIDE_WINDOW = 3, 5, 9, 21, 41
 """Sides of the windows, pixels."""
 _NEARBY: Final = 7
 """Side of the window around a match in which the centres of the small windows of ``min_texture`` lie, pixels."""
 _MAX_SQUARE: Final = (2**31 - 1) // _WIDE_WINDOW**2
 """Limit of squared gradients, squared units of 1/32 level: their sum over the wide window fits into 32 bits."""
-_EVEN_LIMIT: Final = 4.0
-"""Limit of squared gradients in ``even_texture``, relative to the variance of the image noise."""
 _WHITE: Final = 255 * 16
 """White, units of 1/16 grey level."""
 _STEP: Final = 2
@@ -77,8 +77,11 @@ _MAX_SUM: Final = 255
 _SUMS: Final = np.arange(-_MAX_SUM, _MAX_SUM + 1)
 _CAUTION: Final = 0.8
 """Factor of the sums of weights. Confidences of scenes beyond those of the fit are too high above 0.7 without it."""
-_CONFIDENCES: Final = np.floor(255.0 / (1.0 + np.exp(-_SUMS * WEIGHT_UNIT * _CAUTION))).astype(np.uint8)
-"""(2 ``_MAX_SUM`` + 1,) uint8, confidence of each sum of weights, units of 1/255."""
+_PRIOR: Final = np.array(((0.1,), (0.35,)))
+"""Logarithm of odds to add at reduced and at full size: with the same features, matches of photographs are right more
+often than those of the fit's scenes."""
+_CONFIDENCES: Final = np.floor(255.0 / (1.0 + np.exp(-_SUMS * WEIGHT_UNIT * _CAUTION - _PRIOR))).astype(np.uint8)
+"""(2, 2 ``_MAX_SUM`` + 1) uint8, confidence of each sum of weights at reduced and at full size, units of 1/255."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -99,11 +102,10 @@ class Tables:
 def tables() -> Tables:
     """Return the content of ``match_confidence.json``."""
     content: dict[str, Any] = json.loads(FILE.read_text("utf-8"))
-    numbers = {name: number for number, name in enumerate(FEATURES)}
-    comparisons = [[(numbers[name], border) for name, border in tree["compare"]] for tree in content["trees"]]
+    names, comparisons = list(FEATURES), [tree["compare"] for tree in content["trees"]]
     return Tables(
         np.array(content["error"], np.uint8),
-        np.array([[number for number, _ in tree] for tree in comparisons], np.int64),
+        np.array([[names.index(name) for name, _ in tree] for tree in comparisons], np.int64),
         np.array([[border for _, border in tree] for tree in comparisons], np.float32),
         np.array([tree["weights"] for tree in content["trees"]], np.int32),
     )
@@ -122,7 +124,7 @@ def with_even_noise(image: NDArray[np.uint16], noise_sigma: NDArray[np.float64])
 def match_features(
     left: NDArray[np.uint16], right: NDArray[np.uint16], disparity: NDArray[np.uint16], divisor: int
 ) -> NDArray[np.float32]:
-    """Return the ``FEATURES`` of each pixel, (9, H, W) float32; undefined where there is no match.
+    """Return the ``FEATURES`` of each pixel, (11, H, W) float32; undefined where there is no match.
 
     Args:
         left, right: ``with_even_noise``.
@@ -132,24 +134,24 @@ def match_features(
         texture = np.asarray(cv2.blur(left, (_FULL_BLUR, _FULL_BLUR)), np.uint16)
         texture_sigma *= _FULL_BLUR_NOISE
     gradient, size = np.empty((2, *left.shape), np.int16)
-    squared, even = np.empty((2, *left.shape), np.int32)
-    even_limit = int(min(_EVEN_LIMIT * (32.0 * texture_sigma) ** 2, _MAX_SQUARE))
-    _gradients(texture, even_limit, gradient, size, squared, even)
+    squared = np.empty(left.shape, np.int32)
+    _gradients(texture, gradient, size, squared)
     differences = np.empty((3, *left.shape), np.int32)
     _compare(without_local_mean(left), without_local_mean(right), disparity, differences)
-    box = np.ones((_WINDOW, _WINDOW), np.uint8)
-    nearest = cv2.dilate(disparity, box)
+    box, row = np.ones((_WINDOW, _WINDOW), np.uint8), np.ones((_SMALL_WINDOW, _WINDOW), np.uint8)
+    nearest_right, nearest_left = (cv2.dilate(disparity, row, anchor=(x, _SMALL_WINDOW // 2)) for x in (0, _WINDOW - 1))
     farthest = cv2.erode(np.where(disparity > 0, disparity, np.uint16(65535)), box)
     small_squares = _box_sum(squared, _SMALL_WINDOW).astype(np.float32)
     features = np.empty((len(FEATURES), *left.shape), np.float32)
     _write_features(
         np.asarray(cv2.erode(small_squares, np.ones((_NEARBY, _NEARBY), np.uint8)), np.float32),
         _box_sum(squared, _WINDOW), _box_sum(squared, _WIDE_WINDOW),
-        _box_sum(even, _WIDE_WINDOW),
         _box_sum((disparity > 0).astype(np.uint8), _MEDIUM_WINDOW),
         _box_sum(differences[0], _WINDOW), _box_sum(differences[1], _WINDOW), _box_sum(differences[2], _WINDOW),
         _box_sum(gradient, _WINDOW), _box_sum(size, _WINDOW),
-        np.asarray(nearest, np.uint16), np.asarray(farthest, np.uint16), texture_sigma, features,
+        _box_sum(differences[0], _TINY_WINDOW), _box_sum(size, _TINY_WINDOW), disparity,
+        np.asarray(cv2.dilate(disparity, box), np.uint16), np.asarray(nearest_right, np.uint16),
+        np.asarray(nearest_left, np.uint16), np.asarray(farthest, np.uint16), texture_sigma, features,
     )  # fmt: skip
     return features
 
@@ -165,15 +167,13 @@ def with_texture(disparity: NDArray[np.uint16], features: NDArray[np.float32]) -
 
 
 def error_and_confidence(
-    features: NDArray[np.float32], disparity: NDArray[np.uint16]
+    features: NDArray[np.float32], disparity: NDArray[np.uint16], divisor: int
 ) -> tuple[NDArray[np.uint8], NDArray[np.uint8]]:
     """Return error, 1/16 pixel, and confidence, 1/255, (H, W) uint8 each; 0 where there is no match."""
-    content = tables()
+    content, table = tables(), _CONFIDENCES[int(divisor == 1)]
     error, confidence = np.empty(disparity.shape, np.uint8), np.empty(disparity.shape, np.uint8)
     _write_error(features, disparity, _ERROR_BORDERS, content.error, error)
-    _write_confidence(
-        features, disparity, content.features, content.borders, content.weights, _CONFIDENCES, confidence
-    )  # fmt: skip
+    _write_confidence(features, disparity, content.features, content.borders, content.weights, table, confidence)
     return error, confidence
 
 
@@ -197,17 +197,11 @@ def _difference(left: Array1[np.uint16], right: Array1[np.uint16], column: I64, 
 
 @kernel
 def _gradients(
-    left: Array2[np.uint16],
-    even_limit: I64,
-    gradient: Array2[np.int16],
-    size: Array2[np.int16],
-    squared: Array2[np.int32],
-    even: Array2[np.int32],
+    left: Array2[np.uint16], gradient: Array2[np.int16], size: Array2[np.int16], squared: Array2[np.int32]
 ) -> None:
     """Write the differences of each pixel's right and left neighbours, 0 in the first and the last column, 1/16 level.
 
-    ``size`` is their absolute value, ``squared`` their square, at most ``_MAX_SQUARE``, ``even`` the same, at most
-    ``even_limit``.
+    ``size`` is their absolute value, ``squared`` their square, at most ``_MAX_SQUARE``.
     """
     height, width = left.shape
     for row in range(height):
@@ -215,9 +209,8 @@ def _gradients(
         for column in range(width):
             inside = 0 < column < width - 1
             value = i32(levels[column + 1]) - i32(levels[column - 1]) if inside else i32(0)
-            square = min(value * value, i32(_MAX_SQUARE))
             gradient[row, column], size[row, column] = value, abs(value)
-            squared[row, column], even[row, column] = square, min(square, i32(even_limit))
+            squared[row, column] = min(value * value, i32(_MAX_SQUARE))
 
 
 @kernel
@@ -255,14 +248,18 @@ def _write_features(
     least_squares: Array2[np.float32],
     squares: Array2[np.int32],
     wide_squares: Array2[np.int32],
-    even_squares: Array2[np.int32],
     medium_counts: Array2[np.int32],
     here: Array2[np.int32],
     farther: Array2[np.int32],
     nearer: Array2[np.int32],
     gradients: Array2[np.int32],
     sizes: Array2[np.int32],
+    tiny_here: Array2[np.int32],
+    tiny_sizes: Array2[np.int32],
+    disparity: Array2[np.uint16],
     nearest: Array2[np.uint16],
+    nearest_right: Array2[np.uint16],
+    nearest_left: Array2[np.uint16],
     farthest: Array2[np.uint16],
     texture_sigma: F64,
     features: Array3[np.float32],
@@ -274,7 +271,8 @@ def _write_features(
     height, width = medium_counts.shape
     # Roots of the sums of squares over a window, 1/16 level.
     noise, texture_noise = f32(16 * _WINDOW) * f32(EVEN_NOISE), f32(16 * _WINDOW) * f32(texture_sigma)
-    window, medium_pixels = f32(2 * _WINDOW), f32(_MEDIUM_WINDOW**2)
+    tiny_noise = f32(16 * _TINY_WINDOW) * f32(EVEN_NOISE)
+    window, tiny_window, medium_pixels = f32(2 * _WINDOW), f32(2 * _TINY_WINDOW), f32(_MEDIUM_WINDOW**2)
     # Squared gradients, in squared units of 1/32 level, relative to the variance of the noise.
     scale = f32(1.0 / (32.0 * texture_sigma) ** 2)
     small_scale, window_scale = scale / f32(_SMALL_WINDOW**2), scale / f32(_WINDOW**2)
@@ -284,15 +282,19 @@ def _write_features(
             features[0, row, column] = _texture(least_squares[row, column], small_scale)
             features[1, row, column] = _texture(squares[row, column], window_scale)
             features[2, row, column] = _texture(wide_squares[row, column], wide_scale)
-            features[3, row, column] = _texture(even_squares[row, column], wide_scale)
             difference, size = np.sqrt(f32(here[row, column])), f32(sizes[row, column])
             beside = np.sqrt(f32(min(nearer[row, column], farther[row, column])))
             # The mean gradient is size / (2 pixels), the root mean square difference is 2 difference / window.
-            features[4, row, column] = difference * window / (size + window * noise)
-            features[5, row, column] = (beside - difference) / (difference + noise)
-            features[6, row, column] = f32(medium_counts[row, column]) / medium_pixels
-            features[7, row, column] = f32(nearest[row, column] - farthest[row, column]) / f32(16.0)
-            features[8, row, column] = f32(abs(gradients[row, column])) / (size + f32(0.3) * window * texture_noise)
+            features[3, row, column] = difference * window / (size + window * noise)
+            features[4, row, column] = (beside - difference) / (difference + noise)
+            features[5, row, column] = f32(medium_counts[row, column]) / medium_pixels
+            features[6, row, column] = f32(nearest[row, column] - farthest[row, column]) / f32(16.0)
+            features[7, row, column] = f32(abs(gradients[row, column])) / (size + f32(0.3) * window * texture_noise)
+            difference, size = np.sqrt(f32(tiny_here[row, column])), f32(tiny_sizes[row, column])
+            features[8, row, column] = difference * tiny_window / (size + tiny_window * tiny_noise)
+            units = i32(disparity[row, column])
+            features[9, row, column] = f32(i32(nearest_right[row, column]) - units) / f32(16.0)
+            features[10, row, column] = f32(i32(nearest_left[row, column]) - units) / f32(16.0)
 
 
 @kernel

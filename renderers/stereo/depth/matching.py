@@ -26,8 +26,12 @@ FINE: Final = 16
 """Units per grey level of fine images: means of blocks have fractions of a level."""
 ROUNDING_VARIANCE: Final = 1.0 / 12.0
 """Variance of rounding to whole grey levels."""
-WINDOW: Final = 3
-"""Side of the matching window, pixels. A larger one widens what is near."""
+STEP_COSTS: Final = {1: 10, 3: 72}
+"""Cost of a step of one disparity by the side of the matching window, pixels; larger steps cost four times as much. A
+window widens what is near. Full images, whose edges are softest, are matched without one, with fewer errors near edges.
+"""
+TOLERANCES: Final = {1: 4, 3: 1}
+"""Maximum difference of the matches from left to right and from right to left, pixels, by the side of the window."""
 REFINEMENT_RADIUS: Final = 4
 """Radius of the windows of the refinement, pixels."""
 REFINEMENTS: Final = 2
@@ -99,11 +103,6 @@ def fine_means(image: NDArray[np.uint8], side: int, rows: int, columns: int) -> 
     return block_means(np.multiply(image, FINE, dtype=np.uint16), side, rows, columns)
 
 
-def grey_levels(fine: NDArray[np.uint16]) -> NDArray[np.uint8]:
-    """Return a fine image rounded to grey levels, (H, W) uint8."""
-    return (fine + np.uint16(FINE // 2) >> 4).astype(np.uint8)
-
-
 def in_turn(units: int, work: Callable[[int], object]) -> None:
     """``Parallel`` in one thread."""
     for unit in range(units):
@@ -148,31 +147,31 @@ def _match_rows(
     divisor: int,
 ) -> DepthImages:
     """Return the depth images of the rows of a pair."""
-    matches = find_matches(left, right, disparity_count, noise_sigma)
+    matches = find_matches(left, right, disparity_count, noise_sigma, divisor)
     even_left, even_right = (with_even_noise(image, noise_sigma) for image in (left, right))
     features = match_features(even_left, even_right, matches, divisor)
     disparity = with_texture(matches, features)
-    return DepthImages(disparity, *error_and_confidence(features, disparity))
+    return DepthImages(disparity, *error_and_confidence(features, disparity, divisor))
 
 
 def find_matches(
-    left: NDArray[np.uint16], right: NDArray[np.uint16], disparity_count: int, noise_sigma: NDArray[np.float64]
+    left: NDArray[np.uint16],
+    right: NDArray[np.uint16],
+    disparity_count: int,
+    noise_sigma: NDArray[np.float64],
+    divisor: int,
 ) -> NDArray[np.uint16]:
     """Return the disparities of a pair, (H, W) uint16, 0 where there is no match.
 
     A pixel has a match if the matches from left to right and from right to left agree.
     """
-    matches = refined_matches(left, right, disparity_count, noise_sigma)
-    return np.asarray(np.rint(matches / np.float32(DISPARITY_SCALE)), np.uint16)
-
-
-def refined_matches(
-    left: NDArray[np.uint16], right: NDArray[np.uint16], disparity_count: int, noise_sigma: NDArray[np.float64]
-) -> NDArray[np.float32]:
-    """Return the disparities before they are rounded, (H, W) float32, 0 where there is no match."""
-    matches = _semi_global_matches(grey_levels(left), grey_levels(right), disparity_count)
+    window = 1 if divisor == 1 else 3
+    grey_left, grey_right = ((image + np.uint16(FINE // 2) >> 4).astype(np.uint8) for image in (left, right))
+    matches = _semi_global_matches(grey_left, grey_right, disparity_count, window)
     start = matches.astype(np.float32) * np.float32(DISPARITY_SCALE)
-    mean = _window_mean(start)
+    box = (2 * REFINEMENT_RADIUS + 1,) * 2
+    known_share = cv2.boxFilter((start > 0.0).astype(np.float32), -1, box)
+    mean = cv2.boxFilter(start, -1, box) / np.maximum(known_share, np.float32(1e-3))
     # Beside an edge, the window has two surfaces, of which the refinement would find a mixture.
     is_smooth = (start > 0.0) & (np.abs(mean - start) <= MAX_REFINEMENT)
     refined = np.where(is_smooth, mean, start)
@@ -183,17 +182,12 @@ def refined_matches(
         # At least one unit: 0 is no match.
         refined = np.where(start > 0.0, np.maximum(refined + shift, np.float32(DISPARITY_SCALE)), np.float32(0.0))
     is_refined = is_smooth & (np.abs(refined - start) <= MAX_REFINEMENT)
-    return np.asarray(np.where(is_refined, refined, start), np.float32)
+    return np.asarray(np.rint(np.where(is_refined, refined, start) / np.float32(DISPARITY_SCALE)), np.uint16)
 
 
-def _window_mean(disparity: NDArray[np.float32]) -> NDArray[np.float32]:
-    """Return the mean of the known disparities in each pixel's window of the refinement, (H, W) float32."""
-    window = (2 * REFINEMENT_RADIUS + 1,) * 2
-    known_share = cv2.boxFilter((disparity > 0.0).astype(np.float32), -1, window)
-    return np.asarray(cv2.boxFilter(disparity, -1, window) / np.maximum(known_share, np.float32(1e-3)), np.float32)
-
-
-def _semi_global_matches(left: NDArray[np.uint8], right: NDArray[np.uint8], disparity_count: int) -> NDArray[np.uint16]:
+def _semi_global_matches(
+    left: NDArray[np.uint8], right: NDArray[np.uint8], disparity_count: int, window: int
+) -> NDArray[np.uint16]:
     """Return the disparities of OpenCV's matcher for images in grey levels; see ``find_matches``.
 
     Images of half the size are matched first, for two reasons:
@@ -206,11 +200,11 @@ def _semi_global_matches(left: NDArray[np.uint8], right: NDArray[np.uint8], disp
     """
     height, width = left.shape
     half_left, half_right = (np.asarray(cv2.pyrDown(image), np.uint8) for image in (left, right))
-    half_matches = _opencv_matches(half_left, half_right, -(-disparity_count // 2)) * 2
+    half_matches = _opencv_matches(half_left, half_right, -(-disparity_count // 2), 3) * 2
     side = 2 * (width // NEAREST_WINDOW_STEP) + 1
     nearest = int(cv2.erode(half_matches, np.ones((side, side), np.uint8)).max())
     reach = math.ceil(nearest * DISPARITY_SCALE) + REACH_MARGIN if nearest else disparity_count
-    matches = _opencv_matches(left, right, min(reach, disparity_count))
+    matches = _opencv_matches(left, right, min(reach, disparity_count), window)
     coarse = cv2.resize(half_matches, (width, height), interpolation=cv2.INTER_NEAREST)
     difference = np.abs(coarse.astype(np.int32) - matches) * DISPARITY_SCALE
     differs = ((coarse > 0) & (difference > MAX_DIFFERENCE)).astype(np.uint8)
@@ -219,7 +213,9 @@ def _semi_global_matches(left: NDArray[np.uint8], right: NDArray[np.uint8], disp
     return np.where(is_repetition, coarse, matches)
 
 
-def _opencv_matches(left: NDArray[np.uint8], right: NDArray[np.uint8], disparity_count: int) -> NDArray[np.uint16]:
+def _opencv_matches(
+    left: NDArray[np.uint8], right: NDArray[np.uint8], disparity_count: int, window: int
+) -> NDArray[np.uint16]:
     """Return matches that agree from left to right and from right to left, as ``find_matches``."""
     searched_count = -(-disparity_count // 16) * 16
     # OpenCV leaves the first `searched_count` columns invalid. Padding of that width keeps all columns of the image.
@@ -227,10 +223,10 @@ def _opencv_matches(left: NDArray[np.uint8], right: NDArray[np.uint8], disparity
     matcher = cv2.StereoSGBM.create(
         minDisparity=0,
         numDisparities=searched_count,
-        blockSize=WINDOW,
-        P1=8 * WINDOW * WINDOW,
-        P2=32 * WINDOW * WINDOW,
-        disp12MaxDiff=1,
+        blockSize=window,
+        P1=STEP_COSTS[window],
+        P2=4 * STEP_COSTS[window],
+        disp12MaxDiff=TOLERANCES[window],
         preFilterCap=15,
         speckleWindowSize=0,
         speckleRange=0,

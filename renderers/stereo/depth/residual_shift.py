@@ -18,9 +18,9 @@ from renderers.compiler.device_function import device_function, inlined
 from renderers.compiler.jit import kernel
 from renderers.compiler.kernel_types import F64, I64, Array1, Array2, Array3, f32, i32
 
-PRIOR_SHIFT: Final = 0.35
+PRIOR_SHIFT: Final = 0.5
 """Standard deviation of the shift before the images are compared, pixels. It decides how much gradients count against
-the noise. With half of it, three times a matcher's errors on a plane, the mean shift near weak texture is too small."""
+the noise. With a third, three times a matcher's errors on a plane, the mean shift near weak texture is too small."""
 SHARPNESS: Final = -0.6
 """Parameter of the cubic interpolation between pixels (Keys 1981). Catmull-Rom has -0.5, OpenCV -0.75. Between them,
 the mean shift does not depend on the sub-pixel phase."""

@@ -24,10 +24,10 @@ def patches(seed: int) -> NDArray[np.uint16]:
     return np.ascontiguousarray(disparity, np.uint16)
 
 
-def filtered(disparity: NDArray[np.uint16], filters: Filters) -> DepthImages:
+def filtered(disparity: NDArray[np.uint16], filters: Filters, divisor: int = 2) -> DepthImages:
     valid = (disparity > 0).astype(np.uint8)
     images = DepthImages(disparity.copy(), valid.copy(), valid * np.uint8(255))
-    apply_filters(images, filters, 100.0, 2)
+    apply_filters(images, filters, 100.0, divisor)
     return images
 
 
@@ -74,10 +74,13 @@ def test_exactly_five_percent_are_filled(pixels: int, filled: bool) -> None:
     assert filtered(d, Filters(seg=0)).disparity.all() == filled
 
 
-@pytest.mark.parametrize(("step", "kept"), [(32, True), (33, False)])
-def test_segments_are_connected_up_to_two_pixels(step: int, kept: bool) -> None:
+@pytest.mark.parametrize(
+    ("step", "divisor", "kept"), [(32, 2, True), (33, 2, False), (64, 1, True), (65, 1, False), (32, 4, True)]
+)
+def test_segments_are_connected_up_to_two_pixels_at_full_size_four(step: int, divisor: int, kept: bool) -> None:
+    """The same things are one segment at Full and at High."""
     d = np.full((20, 20), 800, np.uint16)
     d[:4] += step
-    result = filtered(d, Filters(seg=81, fill=0)).disparity
+    result = filtered(d, Filters(seg=21 * divisor**2, fill=0), divisor).disparity
     assert result[:4].all() == kept
     assert result[4:].all()

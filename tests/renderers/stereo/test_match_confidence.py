@@ -28,7 +28,7 @@ def texture(contrast: float) -> NDArray[np.uint16]:
 def judged(left: NDArray[np.uint16], right: NDArray[np.uint16], disparity: int) -> tuple[float, float]:
     """Return the mean error, pixels, and the mean confidence of a constant disparity away from the image's edges."""
     matches = np.full(left.shape, disparity * 16, np.uint16)
-    error, confidence = error_and_confidence(match_features(left, right, matches, 2), matches)
+    error, confidence = error_and_confidence(match_features(left, right, matches, 2), matches, 2)
     inside = np.s_[24:-24, 36:-24]
     return float(error[inside].mean()) / 16, float(confidence[inside].mean()) / 255
 
@@ -76,7 +76,7 @@ def test_texture_outside_the_window_counts() -> None:
     assert features["wide_texture"][32, 48] > 10.0
 
 
-def test_a_single_edge_is_a_step_and_no_even_texture() -> None:
+def test_a_single_edge_is_a_step() -> None:
     """Which side of an edge a match belongs to is unknown; beside a line, or in a texture, it is right."""
     edge, line = texture(0.0), texture(0.0)
     edge[:, 48:] += 40 * 16
@@ -85,7 +85,21 @@ def test_a_single_edge_is_a_step_and_no_even_texture() -> None:
     assert of_edge["step"][32, 48] > 0.9
     assert of_line["step"][32, 48] < 0.1
     assert of_texture["step"][32, 48] < 0.5
-    assert of_edge["even_texture"][32, 48] < of_texture["even_texture"][32, 48]
+
+
+def test_the_side_of_an_edge_is_seen() -> None:
+    """Left of what is nearer, points are hidden from the right camera; right of it, both cameras see them."""
+    matches = np.full((HEIGHT, WIDTH), SHIFT * 16, np.uint16)
+    matches[:, 40:60] += 5 * 16
+    image = texture(20.0)
+    features = dict(zip(FEATURES, match_features(image, np.roll(image, -SHIFT, 1), matches, 2), strict=True))
+    columns = [30, 36, 50, 63, 69]
+    assert features["nearer_right"][32, columns].tolist() == [0.0, 5.0, 0.0, 0.0, 0.0]
+    assert features["nearer_left"][32, columns].tolist() == [0.0, 0.0, 0.0, 5.0, 0.0]
+    # Two pixels beside the wrong matches, the window has some of them, and the small one none.
+    assert features["residual"][32, 38] > 0.5
+    assert features["small_residual"][32, 38] < 0.1
+    assert features["small_residual"][32, 42] > 0.5
 
 
 @pytest.mark.parametrize("level", [20, 128, 230])
@@ -110,7 +124,7 @@ def test_pixels_without_a_match_have_neither() -> None:
     left = texture(20.0)
     matches = np.full(left.shape, SHIFT * 16, np.uint16)
     matches[10:20, 30:50] = 0
-    error, confidence = error_and_confidence(match_features(left, left, matches, 2), matches)
+    error, confidence = error_and_confidence(match_features(left, left, matches, 2), matches, 2)
     assert (error[matches == 0] == 0).all()
     assert (confidence[matches == 0] == 0).all()
     assert (error[matches > 0] > 0).all()
