@@ -32,7 +32,7 @@ def write_whole(path: Path, data: bytes | memoryview) -> None:
         if error.filename is None:  # it could be opened
             error.filename = os.fspath(path)
             if path.is_file():  # not a device
-                path.unlink()
+                path.resolve().unlink()  # not a link to it, such as /dev/stdout
         raise
 
 

@@ -37,15 +37,19 @@ def test_reads_bytes_and_text(tmp_path: Path) -> None:
 
 
 def test_a_file_that_cannot_be_written_to_its_end_is_removed(tmp_path: Path) -> None:
-    path, device = tmp_path / "file", Path("/dev/full")
+    path, device, link = tmp_path / "file", Path("/dev/full"), tmp_path / "link"
+    link.symlink_to(path)
     before, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
     resource.setrlimit(resource.RLIMIT_FSIZE, (1000, hard))
     try:
         with pytest.raises(OSError, match="File too large") as refused:
             write_whole(path, bytes(2000))
+        with pytest.raises(OSError, match="File too large"):
+            write_whole(link, bytes(2000))
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, (before, hard))
     assert (refused.value.filename, path.exists()) == (str(path), False)
+    assert link.is_symlink()
     with pytest.raises(OSError, match="No space left") as refused:
         write_whole(device, b"data")
     assert refused.value.filename == str(device)

@@ -276,10 +276,12 @@ def write_image(path: Path, array: NDArray[Any]) -> None:
         write_whole(path, encode_png(array))
         return
     image_module = pillow()
-    try:
-        image_module.fromarray(array).save(path)
-    except ValueError:
-        raise OSError(f"cannot write {path}: {path.suffix!r} is not an image format") from None
+    image_format = image_module.registered_extensions().get(path.suffix.lower())
+    if image_format not in image_module.SAVE:
+        raise OSError(f"cannot write {path}: {path.suffix!r} is not an image format")
+    file = io.BytesIO()
+    image_module.fromarray(array).save(file, image_format)
+    write_whole(path, file.getbuffer())
 
 
 def _images(image_set: pb.ImageSet) -> dict[str, pb.Image]:

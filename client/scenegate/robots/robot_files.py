@@ -75,7 +75,7 @@ class RobotFiles:
         self.used_args: set[str] = set()
         """Names of arguments that the files have."""
         self.notes: list[str] = []
-        """A sentence for each package whose files are named by a path on another machine."""
+        """Sentences about files that are read from other places than the robot file says, and what is drawn instead."""
         self.digests: dict[str, str] = {}
         """SHA-256 in hexadecimal of each file that has been read, by path relative to the robot file's folder."""
 
@@ -105,16 +105,16 @@ class RobotFiles:
             for folder in self._package_folders(package):
                 if (folder / path_in_package).is_file():
                     start = name.partition(package)[0] + package
-                    return self._elsewhere(f"{start} is not on this machine", folder, path_in_package)
-        for folder in self._folder.parents if "/" in rest and not scheme else ():
-            if (folder / rest).is_file():
-                start = rest.partition("/")[0]
-                return self._elsewhere(f"{start} is not beside the robot file", folder, rest)
+                    return self._elsewhere(f"{start} is not on this machine, its files", folder, path_in_package)
+        for folder, spelling in itertools.product(self._folder.parents, spellings(rest)):
+            if "/" in spelling and not scheme and (folder / spelling).is_file():
+                start = os.path.normpath(spelling).partition("/")[0]
+                return self._elsewhere(f"files of {start}, which are not beside the robot file,", folder, spelling)
         raise RobotFileError(self._not_found(name, scheme, missing))
 
-    def _elsewhere(self, reason: str, folder: Path, path: str) -> Path:
+    def _elsewhere(self, files: str, folder: Path, path: str) -> Path:
         """Return the path of a file in a folder, with a note about it."""
-        note = f"{reason}, its files are read from {folder}"
+        note = f"{files} are read from {folder}"
         if note not in self.notes:
             self.notes.append(note)
         return Path(os.path.realpath(folder / path))

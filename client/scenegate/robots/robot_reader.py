@@ -108,7 +108,7 @@ def parse_links(
     if use == "visual" and not any(link.geometries for link in model.links):
         collision = parse_links(root, files, "collision", limits, warnings)
         if any(link.geometries for link in collision.links):
-            files.notes.append("it has no visual geometry; its collision geometry is drawn")
+            files.notes.append("it has no visual geometry that can be drawn; its collision geometry is drawn")
             return collision
     return model
 

@@ -16,7 +16,8 @@ MAX_ELEMENTS: Final = 1_000_000
 MAX_XML_DEPTH: Final = 512
 """Maximum depth of XML elements: 256 levels of nodes, and the elements inside the last one."""
 _OF_PROFILES: Final = ("}image", "}newparam")
-_EFFECT_WITH_IMAGE: Final = re.compile(rb"<effect\b[^<>]*>\s*<(?:image|newparam)\b")
+_EFFECT: Final = re.compile(rb"<(?:\w+:)?effect\b")
+_IMAGE: Final = re.compile(rb"<(?:\w+:)?(?:image|newparam)\b")
 RINGS: Final = "rings"
 """Attribute of polygons that had holes, see ``with_known_elements``."""
 
@@ -59,7 +60,10 @@ def with_known_elements(data: bytes) -> bytes:
     without, whose attribute ``RINGS`` has the number of indices in the outline and in each hole. Its matrix of a
     ``<lookat>`` is transposed. Images and parameters of an effect are found in its profile only.
     """
-    if not any(word in data for word in (b"linestrips", b"ph>", b"lookat")) and not _EFFECT_WITH_IMAGE.search(data):
+    starts_of_effects = [effect.partition(b"profile_COMMON")[0] for effect in _EFFECT.split(data)[1:]]
+    if not any(word in data for word in (b"linestrips", b"ph>", b"lookat")) and not any(
+        map(_IMAGE.search, starts_of_effects)
+    ):
         return data
     root = ElementTree.fromstring(data)  # noqa: S314 - checked_document refused what could be dangerous
     for effect in root.findall(".//{*}effect[{*}profile_COMMON]"):
@@ -72,11 +76,11 @@ def with_known_elements(data: bytes) -> bytes:
                 polygon = ElementTree.SubElement(parent, child.tag.replace("}ph", "}p"))
                 polygon.text = " ".join(index for ring in rings for index in ring)
                 polygon.set(RINGS, " ".join(str(len(ring)) for ring in rings))
-        for child in (*parent.findall("./{*}ph"), *parent.findall("./{*}linestrips")):
-            parent.remove(child)
+        if parent.find("./{*}ph") is not None or parent.find("./{*}linestrips") is not None:
+            parent[:] = [child for child in parent if not child.tag.endswith(("}ph", "}linestrips"))]
         for child in parent.findall("./{*}lookat"):
             with contextlib.suppress(ValueError):
-                numbers = np.array((child.text or "").split(), np.float64).reshape(3, 3)
+                numbers = np.array((child.text or "").replace(",", ".").split(), np.float64).reshape(3, 3)
                 child.text = " ".join(map(str, _looking_at(*numbers).ravel().tolist()))
                 child.tag = child.tag.replace("}lookat", "}matrix")
     return ElementTree.tostring(root)
@@ -100,16 +104,19 @@ def with_images_of_samplers(data: bytes) -> bytes:
     root = ElementTree.fromstring(data)  # noqa: S314 - checked_document refused what could be dangerous
     for source in root.findall(".//{*}init_from"):
         source.text = source.findtext("./{*}ref") or source.text
-    for profile in root.findall(".//{*}profile_COMMON"):
+    for profile in root.findall("./{*}library_effects/{*}effect/{*}profile_COMMON"):
         params = [(parent, param) for parent in profile.iter() for param in parent.findall("./{*}newparam")]
         surfaces = {param.get("sid") for _, param in params if param.find("./{*}surface") is not None}
         images: dict[str | None, str] = {}
-        for parent, param in params:
+        lost = set()
+        for _, param in params:
             sampler = param.find("./{*}sampler2D")
             if sampler is not None and sampler.findtext("./{*}source") not in surfaces:
-                parent.remove(param)
+                lost.add(param)
                 for image in sampler.findall("./{*}instance_image"):
                     images[param.get("sid")] = image.get("url", "").removeprefix("#")
+        for parent in {parent for parent, _ in params}:
+            parent[:] = [child for child in parent if child not in lost]
         for texture in profile.findall(".//{*}texture"):
             name = texture.get("texture", "")
             texture.set("texture", images.get(name, name))

@@ -25,6 +25,8 @@ from gateway.files.parsers.ply_header import Element, Property, read_header, spl
 from gateway.files.parsers.polygons import triangles_of_polygons, triangles_of_strip
 from gateway.files.parsers.texture_files import TextureFiles
 
+_MAX_LENGTH: Final = 1e9
+"""Length of a list above which text is not one."""
 _PLACES: Final = ("x", "y", "z", "nx", "ny", "nz")
 _UV_NAMES: Final = (("texture_u", "texture_v"), ("u", "v"), ("s", "t"))
 _COLOR_NAMES: Final = (
@@ -176,23 +178,25 @@ def _with_known_values(body: bytes, elements: list[Element], warnings: list[str]
         row_words = [line.split() for line in lines[rows]]
         counts = [_word_count(words, known) for words in row_words]
         if any(len(words) < count for words, count in zip(row_words, counts, strict=True)):
-            return body
+            break
         names = ", ".join(each.name for each in known) or "none"
         warnings.append(
             f"rows of its element {name!r} have {found} values, its header names {declared}; of them are read: {names}"
         )
         properties[:] = known
         lines[rows] = [b" ".join(words[:count]) for words, count in zip(row_words, counts, strict=True)]
-        body = b"\n".join(lines)
-    return body
+    return b"\n".join(lines)
 
 
 def _word_count(words: list[bytes], properties: list[Property]) -> int:
     """Return the number of words that a row of properties has, of which ``words`` are the first."""
     count = 0
     for each in properties:
-        is_length = each.counter is not None and count < len(words) and words[count].isdigit()
-        count += 1 + (int(words[count][:9]) if is_length else 0)
+        length = 0.0
+        if each.counter is not None and count < len(words):
+            with contextlib.suppress(ValueError):
+                length = float(words[count])
+        count += 1 + (int(length) if 0.0 <= length < _MAX_LENGTH else 0)
     return count
 
 

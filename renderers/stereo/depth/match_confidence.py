@@ -31,8 +31,9 @@ FEATURES: Final = {
     "matched_share": "share of pixels with a match in the medium window",
     "disparity_range": "range of the disparities in the window, pixels",
     "step": "share of the gradients in the window that add up: 1 for one edge, as of a silhouette, 0 for texture",
-    "small_residual": "the same as residual in 3 x 3 pixels, beside an edge those of one surface",
-    "nearer_right": "how much nearer the nearest match up to 8 pixels right of it is: left of edges, points are hidden",
+    "small_residual": "residual in 3 x 3 pixels; beside an edge, these are of one surface",
+    "nearer_right": "largest disparity up to 8 pixels to the right minus that of the match, pixels: what is left of a "
+    "nearer surface may be hidden from the right camera",
     "nearer_left": "the same to the left",
 }
 """Names of the features and their meanings, in the order of their planes. Texture is the root mean square of the

@@ -156,7 +156,8 @@ def test_textures_of_samplers_without_a_surface(sampler: str, texture: str, vers
     assert content.warnings == []
 
 
-def test_a_texture_whose_parameters_are_in_the_effect() -> None:
+@pytest.mark.parametrize("before", ["", "<!-- exported -->", "<asset/>"])
+def test_a_texture_whose_parameters_are_in_the_effect(before: str) -> None:
     library = (
         '<image id="j"><init_from>t.png</init_from></image>'
         '<newparam sid="f"><surface type="2D"><init_from>j</init_from></surface></newparam>'
@@ -166,14 +167,15 @@ def test_a_texture_whose_parameters_are_in_the_effect() -> None:
     triangles = f'<triangles material="s" count="1">{INPUT}{uv}<p>0 1 2</p></triangles>'
     shader = '<phong><diffuse><texture texture="a" texcoord="t"/></diffuse></phong>'
     data = document(triangles, sources=source("t", "0 0 1 0 1 1", "ST"), shader=shader)
-    shape, content = read(data.replace('<effect id="e">', f'<effect id="e">{library}'))
+    shape, content = read(data.replace('<effect id="e">', f'<effect id="e">{before}{library}'))
     assert shape.image == 0
     assert content.warnings == []
 
 
-def test_a_node_that_looks_at_a_point() -> None:
+@pytest.mark.parametrize("numbers", ["1 2 3 9 2 3 4 0 7", "1,0 2,0 3,0 9,0 2,0 3,0 4,0 0,0 7,0"])
+def test_a_node_that_looks_at_a_point(numbers: str) -> None:
     """From (1, 2, 3) towards +x: -z of the node is +x, its x is -y, and its y is z."""
-    data = document(TRIANGLES).replace("<translate>0 0 5</translate>", "<lookat>1 2 3 9 2 3 4 0 7</lookat>")
+    data = document(TRIANGLES).replace("<translate>0 0 5</translate>", f"<lookat>{numbers}</lookat>")
     _, content = read(data)
     ((_, X),) = content.instances
     pose = np.frombuffer(X).reshape(4, 4)

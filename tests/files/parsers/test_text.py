@@ -21,6 +21,13 @@ def test_numbers_that_are_not_finite_as_windows_prints_them(number: str) -> None
     assert area(VTK + cells.encode(), "vtk") == pytest.approx(3.0)
 
 
+@pytest.mark.parametrize("length", ["3.0", "+3", "3.000000000000000000e+00"])
+def test_lengths_of_lists_as_numpy_writes_them(length: str) -> None:
+    data = ply(3, "\n".join((*CORNERS, f"{length} 0 1 2\n")), faces=1)
+    assert area(data, "ply") == pytest.approx(3.0)
+    assert content(data, "ply").warnings == []
+
+
 def test_ply_with_colors_of_corners_in_place_of_the_color_of_a_face() -> None:
     """Old versions of MeshLab wrote them."""
     rows = "3 0 1 2 9 1 1 1 1 1 1 1 1 1\n4 0 1 2 3 12 1 1 1 1 1 1 1 1 1 1 1 1\n"

@@ -105,7 +105,10 @@ def test_relative_paths_may_begin_in_a_folder_above(tmp_path: Path) -> None:
     write(tmp_path / "assets" / "ycb", TRIANGLE, "mug/m.obj")
     robot = read_robot(write(tmp_path / "assets" / "ycb" / "mug", mesh("ycb/mug/m.obj"), "mug.urdf"))
     assert robot.parts[0]
-    assert robot.notes == (f"ycb is not beside the robot file, its files are read from {tmp_path / 'assets'}",)
+    (note,) = robot.notes
+    assert note == f"files of ycb, which are not beside the robot file, are read from {tmp_path / 'assets'}"
+    for name in ("./ycb/mug/m.obj", "ycb\\mug\\m.obj", "ycb/mug/%6D.obj"):
+        assert read_robot(write(tmp_path / "assets" / "ycb" / "mug", mesh(name), "mug.urdf")).notes == (note,)
     write(tmp_path, TRIANGLE, "other.obj")
     assert "there is no such file" in warning(write(tmp_path / "urdf", mesh("other.obj")))
 

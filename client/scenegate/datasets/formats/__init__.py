@@ -100,7 +100,7 @@ def export(
         temporary.replace(destination)
     except BaseException as error:
         shutil.rmtree(temporary, ignore_errors=True)
-        if isinstance(error, OSError) and error.filename is None:  # of writing, as on a full disk
+        if isinstance(error, OSError) and error.strerror and error.filename is None:  # of writing, as on a full disk
             error.filename = str(destination)
         raise
     return True
