@@ -36,6 +36,8 @@ ENVIRONMENT = {
     "RAY_DEDUP_LOGS": "0",
     "RAY_agent_register_timeout_ms": "300000",  # 30 s are too few on a busy machine
     "RAY_worker_register_timeout_seconds": "300",
+    "RAY_SERVE_PROXY_READY_CHECK_TIMEOUT_S": "300",  # 5 s, likewise
+    "RAY_SERVE_PROXY_HEALTH_CHECK_TIMEOUT_S": "300",
 }
 """Environment variables of Ray's processes."""
 STORE_BYTES = 100 << 20
