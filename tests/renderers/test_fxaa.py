@@ -59,7 +59,7 @@ def test_threads_are_independent() -> None:
         np.testing.assert_array_equal(result, wanted)
 
 
-@settings(deadline=None, max_examples=100)
+@settings(deadline=None, max_examples=50)
 @given(st.integers(1, 40), st.integers(1, 40), st.sampled_from([2, 3, 17, 256]), st.integers(0, 2**32 - 1))
 def test_equals_the_scalar_reference(height: int, width: int, levels: int, seed: int) -> None:
     rng = np.random.default_rng(seed)

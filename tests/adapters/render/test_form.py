@@ -313,7 +313,7 @@ def test_bounds() -> None:
     assert error.value.status == 413
 
 
-@settings(deadline=None, max_examples=300)
+@settings(deadline=None, max_examples=150)
 @given(st.data())
 def test_mutated_forms_give_a_request_or_an_error(data: st.DataObject) -> None:
     """In pieces and in a buffer. Values at damaged boundaries depend on the pieces that python-multipart gets."""
