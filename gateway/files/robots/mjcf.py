@@ -27,6 +27,8 @@ _DROPPED: Final = re.compile(
     r"|no longer integrated"
 )
 """Errors of MuJoCo 4 for what MuJoCo 3 reads."""
+_NOTES: Final = (" is deprecated ", "may prevent the model from being saved")
+"""Parts of MuJoCo's warnings that do not concern images: about masses, and about what is attached without a prefix."""
 _output_decoder: Final = msgspec.msgpack.Decoder(tuple[bytes, list[str]] | str)
 _VALUE_COUNTS: Final[dict[JointKind, int]] = {"floating": 7, "ball": 4, "prismatic": 1, "revolute": 1}
 
@@ -60,7 +62,7 @@ def read_mjcf(root: Element, files: RobotFiles, use: GeometryUse, keyframe: str,
     warnings = tuple(f"{count} {what} are not shown" for count, what in left_out if count)
     name = root.get("model") or files.path.stem
     kinematics = _Kinematics(mujoco, model, joints)
-    notes = tuple(text for text in compiler_warnings if " is deprecated " in text)  # of MuJoCo 4, about masses
+    notes = tuple(text for text in compiler_warnings if any(part in text for part in _NOTES))
     warnings = (*warnings, *converter.warnings, *(text for text in compiler_warnings if text not in notes))
     return Robot(name, links, joints, parts, kinematics, warnings, notes, files.digests)
 
