@@ -1,4 +1,4 @@
-"""Reads legacy VTK files (.vtk): polygons, surfaces of grids and boundaries of volumes, clouds of vertices, colours.
+"""Reads legacy VTK files (.vtk): polygons, boundaries of volumes and of grids, clouds of vertices, colours.
 
 Source: "VTK File Formats", section "Simple Legacy Formats". Versions 2 to 4 (CELLS as counts and indices) and version 5
 (OFFSETS and CONNECTIVITY) are read. Drake's hydroelastic meshes are UNSTRUCTURED_GRID files of tetrahedra.
@@ -40,7 +40,9 @@ _VERTICES: Final = (1, 2)
 """Cell types that are points."""
 _WITHOUT_SURFACE: Final = (0, *_VERTICES, 3, 4, 21, 35, 68, 75)
 """Cell types that are points or lines."""
-_DATA_SETS: Final = (b"polydata", b"unstructured_grid", b"structured_grid")
+_POLYHEDRON: Final = 42
+_GRIDS: Final = (b"structured_grid", b"rectilinear_grid", b"structured_points")
+_DATA_SETS: Final = (b"polydata", b"unstructured_grid", *_GRIDS)
 _SECTIONS: Final = {b"vertices": 2, b"lines": 4, b"polygons": _POLYGON, b"triangle_strips": _STRIP}
 """Cell types by the keyword of a section of POLYDATA."""
 _COLORS: Final = re.compile(rb"(?im)^(?:(POINT|CELL)_DATA[ \t]+\d+|COLOR_SCALARS[ \t]+\S+[ \t]+([1-4]))[ \t\r]*$")
@@ -167,6 +169,9 @@ def read_vtk(
     sizes: list[NDArray[np.int64]] = []
     types: list[NDArray[np.int64]] = []
     shape: tuple[int, ...] = ()
+    axes: list[NDArray[np.float64]] = []
+    origin, spacing = [0.0] * 3, [1.0] * 3
+    kind = b""
     while word := parser.word():
         if word == b"dataset" and (kind := parser.word()) not in _DATA_SETS:
             names = ", ".join(name.decode().upper() for name in _DATA_SETS)
@@ -176,10 +181,13 @@ def read_vtk(
         elif word == b"points":
             count = parser.count(max_vertices)
             positions = parser.numbers(parser.word(), 3 * count).reshape(count, 3)
-            if shape:
-                corners, kind_of_cell = _grid_cells(shape, count, max_triangles)
-                points, sizes = [corners.ravel()], [np.full(len(corners), corners.shape[1])]
-                types = [np.full(len(corners), kind_of_cell)]
+        elif kind == b"structured_points" and word == b"origin":
+            origin = [float(parser.word()) for _ in range(3)]
+        elif kind == b"structured_points" and word in (b"spacing", b"aspect_ratio"):
+            spacing = [float(parser.word()) for _ in range(3)]
+        elif kind == b"rectilinear_grid" and word.endswith(b"_coordinates"):
+            count = parser.count(max_vertices)
+            axes.append(parser.numbers(parser.word(), count))
         elif word == b"cells" or word in _SECTIONS:
             points_of_section, sizes_of_section = _cells(parser, max_triangles)
             points.append(points_of_section)
@@ -190,6 +198,17 @@ def read_vtk(
             break
         elif word in (b"point_data", b"cell_data"):
             break
+    if kind == b"structured_points":
+        axes = [
+            start + step * np.arange(n, dtype=np.float64)
+            for n, step, start in zip(shape[::-1], spacing, origin, strict=False)
+        ]
+    if len(axes) == 3:
+        positions = _grid_points(axes, max_vertices)
+    if shape and positions is not None:
+        corners, kind_of_cell = _grid_cells(shape, len(positions), max_triangles)
+        points, sizes = [corners.ravel()], [np.full(len(corners), corners.shape[1])]
+        types = [np.full(len(corners), kind_of_cell)]
     if positions is None or not any(map(len, sizes)):
         raise MeshFaultError("it has no points or no cells")
     cells = np.concatenate(points), np.concatenate(sizes), np.concatenate(types)
@@ -213,8 +232,15 @@ def read_vtk(
     )
 
 
+def _grid_points(axes: list[NDArray[np.float64]], limit: int) -> NDArray[np.float64]:
+    """Return the points of a grid at these x, y and z, (N, 3), x fastest. N is at most ``limit``."""
+    if (count := np.prod([len(axis) for axis in axes], dtype=np.float64)) > limit:
+        raise MeshFaultError(f"its grid has {count:.0f} points, the limit is {limit}")
+    return np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).swapaxes(0, 2).reshape(-1, 3)
+
+
 def _grid_cells(shape: tuple[int, ...], points: int, limit: int) -> tuple[NDArray[np.int64], int]:
-    """Return the points of the cells of a structured grid, (N, corners), and their type: quads, or hexahedra.
+    """Return the points of the cells of a grid, (N, corners), and their type: quads, or hexahedra.
 
     ``shape``: number of points along z, y and x.
     """
@@ -271,6 +297,7 @@ def _triangles(
     """
     if len(types) != len(sizes):
         raise MeshFaultError(f"it has {len(types)} types for {len(sizes)} cells")
+    points, sizes, types, numbers = _without_polyhedra(points, sizes, types)
     starts = np.cumsum(sizes) - sizes
     for linear, curved in _LINEAR.items():
         types[np.isin(types, curved)] = linear
@@ -303,9 +330,37 @@ def _triangles(
         }
     )
     found = np.concatenate((np.column_stack((flat, cells)), boundary))
+    found[:, 3] = numbers[found[:, 3]]
     if len(found) > limit:
         raise MeshFaultError(f"it has {len(found)} triangles, the limit is {limit}")
     return found
+
+
+def _without_polyhedra(
+    points: NDArray[np.int64], sizes: NDArray[np.int64], types: NDArray[np.int64]
+) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]:
+    """Return points, sizes and types with faces that only one polyhedron has in place of polyhedra, and cells' numbers.
+
+    The points of a polyhedron are the number of its faces, then the number of points and the points of each.
+    """
+    is_polyhedron = types == _POLYHEDRON
+    faces: dict[tuple[int, ...], list[tuple[int, list[int]]]] = {}
+    ends = np.cumsum(sizes)
+    for cell in np.flatnonzero(is_polyhedron).tolist():
+        numbers = points[ends[cell] - sizes[cell] + 1 : ends[cell]].tolist()
+        place = 0
+        while place < len(numbers):
+            face = numbers[place + 1 : place + 1 + max(0, numbers[place])]
+            faces.setdefault(tuple(sorted(face)), []).append((cell, face))
+            place += 1 + len(face)
+    outer = [found[0] for found in faces.values() if len(found) == 1]
+    kept = np.flatnonzero(~is_polyhedron)
+    return (
+        np.concatenate([points[~is_polyhedron.repeat(sizes)], *(np.array(face, np.int64) for _, face in outer)]),
+        np.append(sizes[kept], [len(face) for _, face in outer]).astype(np.int64),
+        np.append(types[kept], [_POLYGON] * len(outer)).astype(np.int64),
+        np.append(kept, [cell for cell, _ in outer]).astype(np.int64),
+    )
 
 
 def _boundary(volumes: dict[int, tuple[NDArray[np.int64], NDArray[np.int64]]]) -> NDArray[np.int64]:

@@ -80,6 +80,10 @@ def grid(*cells: tuple[int, ...]) -> str:
     )
 
 
+LOWER_PRISM = (42, 5, 3, 0, 2, 1, 3, 4, 5, 6, *(4, 0, 1, 5, 4), *(4, 1, 2, 6, 5), *(4, 2, 0, 4, 6))
+"""A polyhedron of half the cube: the number of faces, then the points of each."""
+
+
 @pytest.mark.parametrize(
     ("cells", "volume", "triangle_count"),
     [
@@ -98,6 +102,8 @@ def grid(*cells: tuple[int, ...]) -> str:
         ([(14, 0, 1, 2, 3, 4)], 1 / 3, 6),
         ([(14, 0, 1, 2, 3, 4), (14, 4, 5, 1, 0, 2)], 2 / 3, 12),
         ([(14, 0, 1, 2, 3, 6), (10, 0, 1, 6, 5)], 1 / 2, 8),
+        ([LOWER_PRISM], 1 / 2, 8),
+        ([LOWER_PRISM, (42, 5, 3, 0, 3, 2, 3, 4, 6, 7, *(4, 0, 4, 6, 2), *(4, 2, 3, 7, 6), *(4, 3, 0, 4, 7))], 1.0, 12),
     ],
     ids=[
         "hexahedron",
@@ -115,6 +121,8 @@ def grid(*cells: tuple[int, ...]) -> str:
         "pyramid",
         "two pyramids",
         "pyramid and tetrahedron",
+        "polyhedron",
+        "two polyhedra",
     ],
 )
 def test_boundary_of_volumes(cells: list[tuple[int, ...]], volume: float, triangle_count: int) -> None:
@@ -242,3 +250,31 @@ def test_as_a_mesh_file(tmp_path: Path) -> None:
     (part,) = MeshFiles((tmp_path,)).load("two.vtk")
     assert isinstance(part.shape, Surface)
     assert len(part.shape.mesh.elements) == 6
+
+
+RECTILINEAR = (
+    "RECTILINEAR_GRID\nDIMENSIONS 2 3 4\nX_COORDINATES 2 float\n0 1\nY_COORDINATES 3 float\n0 1 3\n"
+    "Z_COORDINATES 4 float\n-1 0 2 5\n"
+)
+
+
+@pytest.mark.parametrize(
+    ("points", "bounds"),
+    [
+        (RECTILINEAR, [[0, 0, -1], [1, 3, 5]]),
+        ("STRUCTURED_POINTS\nDIMENSIONS 2 3 4\nSPACING 2 1 .5\nORIGIN 0 0 1\n", [[0, 0, 1], [2, 2, 2.5]]),
+        ("STRUCTURED_POINTS\nORIGIN 0 0 1\nASPECT_RATIO 2 1 .5\nDIMENSIONS 2 3 1\n", [[0, 0, 1], [2, 2, 1]]),
+    ],
+    ids=["rectilinear", "points", "flat"],
+)
+def test_grids_without_points_of_their_own(points: str, bounds: list[list[float]]) -> None:
+    positions, triangles = parse(HEAD.replace("UNSTRUCTURED_GRID\n", points))
+    assert [positions.min(axis=0).tolist(), positions.max(axis=0).tolist()] == bounds
+    corners = positions[triangles]
+    assert np.linalg.det(corners - positions.mean(axis=0)).sum() / 6 == pytest.approx(np.prod(np.diff(bounds, axis=0)))
+
+
+@pytest.mark.parametrize("axes", ["STRUCTURED_POINTS\nDIMENSIONS 99 99 99\n", "RECTILINEAR_GRID\nDIMENSIONS 2 2 2\n"])
+def test_grids_beyond_the_limit_or_cut_off(axes: str) -> None:
+    with pytest.raises(MeshFaultError, match=r"970299 points|no points"):
+        parse(HEAD.replace("UNSTRUCTURED_GRID\n", axes))
