@@ -18,6 +18,9 @@ MAX_XML_DEPTH: Final = 512
 _OF_PROFILES: Final = ("}image", "}newparam")
 _EFFECT: Final = re.compile(rb"<(?:\w+:)?effect\b")
 _IMAGE: Final = re.compile(rb"<(?:\w+:)?(?:image|newparam)\b")
+_ACCESSOR: Final = re.compile(rb"<(?:\w+:)?accessor\b")
+_ARRAY: Final = re.compile(rb"<(?:\w+:)?\w+_array\b")
+_STRIDE: Final = re.compile(rb"""\bstride\s*=\s*["']0*(\d+)""")
 RINGS: Final = "rings"
 """Attribute of polygons that had holes, see ``with_known_elements``."""
 
@@ -58,17 +61,24 @@ def with_known_elements(data: bytes) -> bytes:
 
     It refuses a mesh that also has ``<linestrips>``, and passes over polygons with holes (``<ph>``): they become ones
     without, whose attribute ``RINGS`` has the number of indices in the outline and in each hole. Its matrix of a
-    ``<lookat>`` is transposed. Images and parameters of an effect are found in its profile only.
+    ``<lookat>`` is transposed. Images and parameters of an effect are found in its profile only. It takes
+    all values of a source's own array, whatever its accessor says.
     """
     starts_of_effects = [effect.partition(b"profile_COMMON")[0] for effect in _EFFECT.split(data)[1:]]
-    if not any(word in data for word in (b"linestrips", b"ph>", b"lookat")) and not any(
-        map(_IMAGE.search, starts_of_effects)
+    accessors = [accessor.partition(b"accessor>")[0] for accessor in _ACCESSOR.split(data)[1:]]
+    has_others = len(accessors) > len(_ARRAY.findall(data)) or any(map(_selects, accessors))
+    if not (
+        has_others
+        or any(word in data for word in (b"linestrips", b"ph>", b"lookat"))
+        or any(map(_IMAGE.search, starts_of_effects))
     ):
         return data
     root = ElementTree.fromstring(data)  # noqa: S314 - checked_document refused what could be dangerous
     for effect in root.findall(".//{*}effect[{*}profile_COMMON]"):
         effect.findall("./{*}profile_COMMON")[0][:0] = [child for child in effect if child.tag.endswith(_OF_PROFILES)]
         effect[:] = [child for child in effect if not child.tag.endswith(_OF_PROFILES)]
+    if has_others:
+        _copy_selected_values(root)
     for parent in root.iter():
         for child in parent.findall("./{*}ph"):
             rings = [(ring.text or "").split() for ring in child]
@@ -84,6 +94,34 @@ def with_known_elements(data: bytes) -> bytes:
                 child.text = " ".join(map(str, _looking_at(*numbers).ravel().tolist()))
                 child.tag = child.tag.replace("}lookat", "}matrix")
     return ElementTree.tostring(root)
+
+
+def _selects(accessor: bytes) -> bool:
+    """Return True if an accessor may not select all values of its array."""
+    stride = _STRIDE.search(accessor)
+    return b"offset" in accessor or accessor.count(b"name") != int(stride[1] if stride else 1)
+
+
+def _copy_selected_values(root: ElementTree.Element) -> None:
+    """Give each source the values of its named components as an array of its own: it may select a part of another's."""
+    arrays = {f"#{array.get('id')}": (array.text or "").split() for array in root.iterfind(".//{*}float_array")}
+    for source in root.iterfind(".//{*}source[{*}technique_common]"):
+        accessor = source.find("./{*}technique_common/{*}accessor")
+        values = None if accessor is None else arrays.get(accessor.get("source", ""))
+        if accessor is None or values is None:
+            continue
+        params = accessor.findall("./{*}param")
+        named = [number for number, param in enumerate(params) if param.get("name")]
+        offset, stride = int(accessor.get("offset", 0)), int(accessor.get("stride", 1))
+        if not named or offset < 0 or stride <= named[-1] or params[0].get("type") == "float4x4":
+            continue
+        array = source.find("./{*}float_array")
+        if array is None:
+            array = ElementTree.SubElement(source, accessor.tag.removesuffix("accessor") + "float_array")
+        starts = range(offset, len(values) - named[-1], stride)[: int(accessor.get("count", len(values)))]
+        array.text = " ".join(values[start + number] for start in starts for number in named)
+        for number in set(range(len(params))).difference(named):
+            accessor.remove(params[number])
 
 
 def _looking_at(eye: NDArray[Any], target: NDArray[Any], up: NDArray[Any]) -> NDArray[np.float64]:

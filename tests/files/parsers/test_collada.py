@@ -73,6 +73,35 @@ def test_holes_of_polygons_are_cut_out() -> None:
     assert content.warnings == []
 
 
+@pytest.mark.parametrize(
+    ("array", "accessor"),
+    [
+        ("7 7 0 0 0 1 0 0 0 2 0", 'source="#pa" offset="2" count="3" stride="3"'),
+        ("0 0 0 9 1 0 0 9 0 2 0 9", 'source="#pa" count="3" stride="4"'),
+        ("0 0 0 9 1 0 0 9 0 2 0", 'source="#pa" count="3" stride="4"'),
+        ("8 8", 'source="#shared" offset="1" count="3" stride="5"'),
+        (None, 'source="#shared" offset="1" count="3" stride="5"'),
+    ],
+    ids=["offset", "stride", "cut off", "another array", "no array"],
+)
+def test_sources_that_select_values_of_an_array(array: str | None, accessor: str) -> None:
+    data = document(
+        TRIANGLES, sources=source("shared", "5 0 0 0 1 1 1 0 0 1 1 0 2 0", "N").replace("shareda", "shared")
+    )
+    own = "" if array is None else f'<float_array id="pa" count="9">{array}</float_array>'
+    data = data.replace('<float_array id="pa" count="9">0 0 0 1 0 0 0 2 0</float_array>', own)
+    data = data.replace('source="#pa" count="3" stride="3"', accessor)
+    shape, content = read(data)
+    assert np.frombuffer(shape.positions, np.float32).reshape(3, 3).tolist() == [[0, 0, 0], [1, 0, 0], [0, 2, 0]]
+    assert content.warnings == []
+
+
+def test_a_component_without_a_name_is_skipped() -> None:
+    data = document(TRIANGLES).replace("0 0 0 1 0 0 0 2 0", "9 0 0 0 9 1 0 0 9 0 2 0")
+    data = data.replace('stride="3"><param', 'stride="4"><param type="float"/><param')
+    assert np.frombuffer(read(data)[0].positions, np.float32).tolist() == [0, 0, 0, 1, 0, 0, 0, 2, 0]
+
+
 def test_a_document_with_one_scene_that_it_does_not_name() -> None:
     assert read(document(TRIANGLES).replace('<scene><instance_visual_scene url="#s"/></scene>', ""))
 
