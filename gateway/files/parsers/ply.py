@@ -34,8 +34,9 @@ _COLOR_NAMES: Final = (
     ("diffuse_red", "diffuse_green", "diffuse_blue", ("diffuse_alpha", "alpha")),
     ("r", "g", "b", ("a", "alpha")),
     ("diffuse_r", "diffuse_g", "diffuse_b", ("diffuse_a", "alpha")),
+    ("color_0", "color_1", "color_2", ()),
 )
-"""Properties of colours: red, green, blue, and names of the opacity."""
+"""Properties of colours: red, green, blue, and names of the opacity. The last ones are Mitsuba's, linear."""
 _MEAN_HARMONIC: Final = 0.5 / math.sqrt(math.pi)
 """Spherical harmonic of degree 0, the divisor of the colours of Gaussians."""
 _FLOAT64: Final = np.dtype(np.float64)
@@ -330,6 +331,8 @@ def _colors_of(columns: _Columns) -> NDArray[np.uint8] | None:
     for *channels, opacities in _COLOR_NAMES:
         stacked = _stacked(columns, tuple(channels))
         if stacked is not None:
+            if channels[0] == "color_0" and stacked.dtype.kind == "f":
+                stacked = np.where(stacked < 0.0031308, 12.92 * stacked, 1.055 * np.abs(stacked) ** (1 / 2.4) - 0.055)
             rgb = srgb_bytes(stacked)
             opacity = next((columns[name].values for name in opacities if name in columns), np.ones(len(rgb)))
             return np.column_stack((rgb, srgb_bytes(opacity)))

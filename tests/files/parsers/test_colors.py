@@ -111,6 +111,15 @@ def test_each_face_of_a_ply_has_its_own_color(order: str, kind: str, names: tupl
         np.testing.assert_array_equal(positions, np.array(CORNERS, np.float32)[np.array(fans)])
 
 
+@pytest.mark.parametrize("colored", ["vertex", "face"])
+def test_mitsuba_writes_linear_colors(colored: str) -> None:
+    colors, _ = colors_of(ply("<", ("color_0", "color_1", "color_2"), "float", colored, [FACES[0]]))
+    linear = COLORS / 255
+    srgb = np.where(linear > 0.0031308, 1.055 * linear ** (1 / 2.4) - 0.055, 12.92 * linear)
+    corners = [[0, 1, 2], [0, 2, 3]] if colored == "vertex" else [[0, 0, 0]] * 2
+    np.testing.assert_array_equal(colors[:, :, :3], np.rint(255 * srgb[corners]))
+
+
 @pytest.mark.parametrize("order", ENCODINGS)
 @pytest.mark.parametrize("spelling", ["vertex_indices", "indices"])
 def test_lists_before_colored_vertices(order: str, spelling: str) -> None:
