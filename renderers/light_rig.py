@@ -145,6 +145,8 @@ class KeyLight:
     """(S, S) float32, shadow map: depth seen by ``camera``, metres, +inf: nothing."""
     normal_offset: float
     """Offset of points along their normal, against self-shadowing, metres per metre of distance from ``camera``."""
+    beyond: float = 1.0
+    """Share of the light that reaches points outside of the shadow map."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -52,6 +52,7 @@ class CameraLightInputs(Struct):
     shadow_side: I64
     shadow_focal: F32  # focal length and principal point of the shadow map, texels
     shadow_center: F32
+    beyond: F32  # as in KeyLight
     normal_offset: F32  # as in KeyLight
     X_light_camera: Pointer[F32] = inline(12)  # (3, 4), from the optical frame to that of the key light's camera
 
@@ -95,6 +96,7 @@ def _key_fields(key: KeyLight, camera: Camera) -> dict[str, Any]:
         "shadow_side": len(key.depth),
         "shadow_focal": key.camera.fx,
         "shadow_center": key.camera.cx,
+        "beyond": key.beyond,
         "normal_offset": key.normal_offset,
         "X_light_camera": (key.camera.X_camera_world @ camera.X_world_camera)[:3].ravel(),
     }
@@ -132,11 +134,12 @@ def diffuse_light(light: CameraLightInputs, normal: F32x8x3, point: F32x8x3) -> 
 
 
 @inlined
-def _lit_share(shadow_depth: Pointer[F32], side: I64, u: F32x8, v: F32x8, z: F32x8) -> F32x8:
-    """Return the share of a light that reaches points, from four texels with bilinear weights; 1 outside of the map.
+def _lit_share(light: CameraLightInputs, u: F32x8, v: F32x8, z: F32x8) -> F32x8:
+    """Return the share of the key light that reaches points, from four texels with bilinear weights.
 
-    ``u`` and ``v`` are positions in the map, (side, side), in texels; ``z`` is the depth of the points.
+    ``u`` and ``v`` are positions in the map in texels; ``z`` is the depth of the points.
     """
+    shadow_depth, side = light.shadow_depth, light.shadow_side
     zero, one, last = vec.f32(0.0), vec.f32(1.0), vec.f32(side - 1)
     u, v = u - vec.f32(0.5), v - vec.f32(0.5)
     is_inside = (zero < u) & (u < last) & (zero < v) & (v < last)
@@ -151,7 +154,7 @@ def _lit_share(shadow_depth: Pointer[F32], side: I64, u: F32x8, v: F32x8, z: F32
     depth = vec.float_bits(vec.maximum(z, zero))  # positive numbers are in the order of their bits
     upper = vec.select(left >= depth, one - fu, zero) + vec.select(right >= depth, fu, zero)
     lower = vec.select(lower_left >= depth, one - fu, zero) + vec.select(lower_right >= depth, fu, zero)
-    return vec.select(is_inside, upper + fv * (lower - upper), one)
+    return vec.select(is_inside, upper + fv * (lower - upper), vec.f32(light.beyond))
 
 
 @inlined
@@ -180,7 +183,7 @@ def _key_factor(light: CameraLightInputs, normal: F32x8x3, point: F32x8x3, other
     # A texel has one depth, but the depths of a slanted surface differ within it.
     bias = vec.f32(0.5) * offset / vec.maximum(n_l, vec.f32(0.2))
     u, v = _coordinate(x_row, point) * scale + center, _coordinate(y_row, point) * scale + center
-    share = _lit_share(light.shadow_depth, light.shadow_side, u, v, light_z - bias)
+    share = _lit_share(light, u, v, light_z - bias)
     added = vec.f32(light.key) * share * vec.maximum(n_l, zero) / other_light
     return vec.minimum(one + added, vec.f32(MAX_KEY_FACTOR))
 

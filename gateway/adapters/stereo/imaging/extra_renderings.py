@@ -16,23 +16,25 @@ from renderers.light_rig import KeyLight
 from renderers.stereo.lens.motion_blur import write_mean_light
 from renderers.stereo.light.posed_projector import Surfaces, add_dots
 from renderers.stereo.light.projector import projected_dots, returned_shares
-from renderers.stereo.light.scene_light import NORMAL_OFFSET, shadow_camera
+from renderers.stereo.light.scene_light import NORMAL_OFFSET, shadow_camera, with_share_of_light
 
 
 def key_light(renderer: Renderer, look: Look, level: float, scene: DrawList, camera: Camera) -> KeyLight | None:
-    """Return the key light with its shadow map; None if nothing is visible.
+    """Return the key light with its shadow map; None if it reaches nothing that is visible.
 
     The light on a surface that faces it is ``level``. The shadow map covers the view of ``camera``, which has
     1/``METERING_DIVISOR`` of the images' resolution.
     """
-    view = renderer.render(scene, camera, Output.DEPTH, look)
+    view = renderer.render(scene, camera, Output.DEPTH | Output.NORMAL, look)
     assert view.depth is not None
+    assert view.normal is not None
     light_camera = shadow_camera(view.depth, camera, METERING_DIVISOR)
     if light_camera is None:
         return None
     shadows = renderer.render(scene, light_camera, Output.DEPTH, look)
     assert shadows.depth is not None
-    return KeyLight(level, light_camera, shadows.depth, NORMAL_OFFSET / light_camera.fx)
+    light = KeyLight(level, light_camera, shadows.depth, NORMAL_OFFSET / light_camera.fx)
+    return with_share_of_light(light, view.depth, view.normal, camera)
 
 
 def blur_motion(

@@ -181,3 +181,23 @@ def test_the_lamp_is_a_point(renderer: CpuRenderer) -> None:
         expected = 0.5 / np.pi * 3.0 * np.minimum((1.5 / distance) ** 2, 4.0) * (to_lamp @ normal) / distance
         seen = np.s_[110:130, 100:220] if name == "wall ahead" else np.s_[200:235, 100:220]
         assert image[seen] == pytest.approx(expected[seen], abs=0.012), name
+
+
+@pytest.mark.parametrize("has_ceiling", [True, False])
+def test_the_key_light_stays_outside_of_a_closed_room(renderer: CpuRenderer, has_ceiling: bool) -> None:
+    """The end of a corridor is beyond the shadow map; on seams of walls, the map cannot tell them from the ceiling."""
+    corridor = room(CORRIDOR, HEIGHT, None)
+    scene = corridor if has_ceiling else replace(corridor, instances=corridor.instances[:-1])
+    pose = look_at((-5.5, 0.0, 1.2), (6.0, 0.0, 1.2), (0.0, 0.0, 1.0))
+    with_key, without = (
+        expose(
+            Imaging(
+                StereoConfig(model=SMALL, noise=False, light=LightLevels(key=key), realism=frozenset({"shadows"})),
+                renderer,
+            ),
+            Capture(0, scene, 1, pose, 0),
+            Exposure(0.005),
+        ).image
+        for key in (2.4, 0.0)
+    )
+    assert bool((with_key > without).any()) != has_ceiling
