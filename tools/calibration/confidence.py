@@ -33,18 +33,20 @@ from tools.calibration.scenes import LEAFY_SCENES, SCENES
 
 SEEDS: Final = {Quality.MEDIUM: range(100, 103), Quality.HIGH: range(100, 108), Quality.FULL: range(100, 103)}
 """Seeds of the scenes. Of few, the trees learn in which of them a plain wall happened to be right."""
-PIXELS: Final = 50
+PIXELS: Final = {Quality.MEDIUM: 150, Quality.HIGH: 150, Quality.FULL: 300}
 """Maximum number of matches of an image that count."""
 LEAFY_SEEDS: Final = {Quality.HIGH: range(100, 104), Quality.FULL: range(100, 104)}
 """Seeds of the scenes with textures like photographs."""
-LEAFY_PIXELS: Final = 1_000
+LEAFY_PIXELS: Final = dict.fromkeys(LEAFY_SEEDS, 1_000)
 """Maximum number of matches of an image of theirs that count."""
 RIGHT_PER_WRONG: Final = 250
 """Number of matches of an image for each that counts at a wrong disparity. Those of the matcher never contradict both
 images in strong texture, so the fit would not learn what that means."""
 PRIOR: Final = 200.0
 """Weight of the mean error of all matches in a cell, pixels."""
-TREES: Final = 24
+ERROR_FACTOR: Final = 1.2
+"""Factor of the errors: those of photographs are 1.1 to 1.4 times as large as those of the scenes, by pair."""
+TREES: Final = 32
 """Number of trees."""
 RATE: Final = 0.3
 """Share of its best step that a tree takes; the last tree takes all of it."""
@@ -59,7 +61,7 @@ class Matches:
     """Some matches of a sample."""
 
     features: NDArray[np.float32]
-    """(11, N) float32, ``FEATURES``."""
+    """(12, N) float32, ``FEATURES``."""
     deviations: NDArray[np.float32]
     """(N,) float32, absolute differences from the exact disparity, pixels."""
 
@@ -115,14 +117,17 @@ def error_bins(features: NDArray[np.float32]) -> tuple[NDArray[np.intp], ...]:
 
 
 def fit_errors(features: NDArray[np.float32], deviations: NDArray[np.float32]) -> NDArray[np.int64]:
-    """Return the standard deviation of errors below a pixel by three bins, (6, 6, 6) int64, units of 1/16 pixel."""
+    """Return ``ERROR_FACTOR`` times the standard deviation of errors below a pixel by three bins, (6, 6, 6) int64.
+
+    Units are 1/16 pixel.
+    """
     shape = tuple(len(borders) + 1 for borders in ERROR_BORDERS.values())
     small = deviations < 1.0
     cells = np.ravel_multi_index(error_bins(features), shape)[small]
     squares, size = deviations[small].astype(float) ** 2, int(np.prod(shape))
     count, total = np.bincount(cells, minlength=size), np.bincount(cells, squares, size)
     variance = (total + PRIOR * squares.mean()) / (count + PRIOR)
-    errors: NDArray[np.int64] = np.maximum(np.rint(np.sqrt(variance) * 16), 1).astype(np.int64)
+    errors: NDArray[np.int64] = np.maximum(np.rint(ERROR_FACTOR * np.sqrt(variance) * 16), 1).astype(np.int64)
     return errors.reshape(shape)
 
 
@@ -130,7 +135,7 @@ def fit_trees(features: NDArray[np.float32], is_right: NDArray[np.bool_]) -> lis
     """Return the trees of a gradient boosting with Newton's steps, of which all leaves of a level compare alike.
 
     Args:
-        features: (11, N) float32.
+        features: (12, N) float32.
         is_right: (N,).
     """
     shares = np.linspace(0.0, 1.0, BORDERS + 2)[1:-1]
@@ -207,7 +212,7 @@ def main() -> None:
     parser.parse_args()
     matches = [
         each
-        for scenes, seeds_of, pixels in (
+        for scenes, seeds_of, pixels_of in (
             ((*SCENES, *PLAIN_SCENES), SEEDS, PIXELS),
             (LEAFY_SCENES, LEAFY_SEEDS, LEAFY_PIXELS),
         )
@@ -215,7 +220,7 @@ def main() -> None:
         for quality, seeds in seeds_of.items()
         for seed in seeds
         for sample in samples(quality, seed, realism=realism, scenes=scenes)
-        for each in collect(sample, matches_of(sample), pixels)
+        for each in collect(sample, matches_of(sample), pixels_of[quality])
     ]
     FILE.write_text(text_of(*fit(matches)), encoding="utf-8")
 

@@ -13,7 +13,9 @@ from renderers.stereo.depth.depth_images import DepthImages, DepthRange
 from renderers.stereo.model import DISPARITY_SCALE, StereoModel
 
 SEGMENT_STEP: Final = 2.0
-"""Maximum disparity step between neighbours of one segment, pixels (as in the vendor's drivers); at Full twice it."""
+"""Maximum disparity step between neighbours of one segment, pixels (as in the vendor's drivers)."""
+FULL_SEGMENT_STEP: Final = 6.0
+"""The same at Full, whose pixels are half as large, and are matched without a window."""
 FILL_SHARE: Final = 0.05
 """Maximum share of the pixels that are filled, the smallest holes first (manual)."""
 FILL_CONFIDENCE: Final = 128
@@ -70,7 +72,9 @@ def apply_filters(depth: DepthImages, filters: Filters, focal_times_baseline: fl
     )  # fmt: skip
     min_size = round(filters.seg * 4 / divisor**2)
     if min_size > 1:
-        runs = _connected_runs(depth.disparity, round(SEGMENT_STEP * max(2.0 / divisor, 1.0) / DISPARITY_SCALE))
+        runs = _connected_runs(
+            depth.disparity, round((FULL_SEGMENT_STEP if divisor == 1 else SEGMENT_STEP) / DISPARITY_SCALE)
+        )
         _remove_small(runs, min_size, depth.disparity, depth.error, depth.confidence)
     if filters.fills:
         fill_holes(depth, filters.fill)

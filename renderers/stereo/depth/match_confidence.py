@@ -35,6 +35,7 @@ FEATURES: Final = {
     "nearer_right": "largest disparity up to 8 pixels to the right minus that of the match, pixels: what is left of a "
     "nearer surface may be hidden from the right camera",
     "nearer_left": "the same to the left",
+    "even_texture": "wide_texture without the excess of strong gradients: high where texture covers the window",
 }
 """Names of the features and their meanings, in the order of their planes. Texture is the root mean square of the
 horizontal gradient beyond the image noise, relative to it."""
@@ -66,6 +67,8 @@ _NEARBY: Final = 7
 """Side of the window around a match in which the centres of the small windows of ``min_texture`` lie, pixels."""
 _MAX_SQUARE: Final = (2**31 - 1) // _WIDE_WINDOW**2
 """Limit of squared gradients, squared units of 1/32 level: their sum over the wide window fits into 32 bits."""
+_EVEN_LIMIT: Final = 4.0
+"""Limit of squared gradients in ``even_texture``, relative to the variance of the image noise."""
 _WHITE: Final = 255 * 16
 """White, units of 1/16 grey level."""
 _STEP: Final = 2
@@ -78,7 +81,7 @@ _MAX_SUM: Final = 255
 _SUMS: Final = np.arange(-_MAX_SUM, _MAX_SUM + 1)
 _CAUTION: Final = 0.8
 """Factor of the sums of weights. Confidences of scenes beyond those of the fit are too high above 0.7 without it."""
-_PRIOR: Final = np.array(((0.1,), (0.35,)))
+_PRIOR: Final = np.array(((0.1,), (0.47,)))
 """Logarithm of odds to add at reduced and at full size: with the same features, matches of photographs are right more
 often than those of the fit's scenes."""
 _CONFIDENCES: Final = np.floor(255.0 / (1.0 + np.exp(-_SUMS * WEIGHT_UNIT * _CAUTION - _PRIOR))).astype(np.uint8)
@@ -125,7 +128,7 @@ def with_even_noise(image: NDArray[np.uint16], noise_sigma: NDArray[np.float64])
 def match_features(
     left: NDArray[np.uint16], right: NDArray[np.uint16], disparity: NDArray[np.uint16], divisor: int
 ) -> NDArray[np.float32]:
-    """Return the ``FEATURES`` of each pixel, (11, H, W) float32; undefined where there is no match.
+    """Return the ``FEATURES`` of each pixel, (12, H, W) float32; undefined where there is no match.
 
     Args:
         left, right: ``with_even_noise``.
@@ -135,8 +138,9 @@ def match_features(
         texture = np.asarray(cv2.blur(left, (_FULL_BLUR, _FULL_BLUR)), np.uint16)
         texture_sigma *= _FULL_BLUR_NOISE
     gradient, size = np.empty((2, *left.shape), np.int16)
-    squared = np.empty(left.shape, np.int32)
-    _gradients(texture, gradient, size, squared)
+    squared, even = np.empty((2, *left.shape), np.int32)
+    even_limit = int(min(_EVEN_LIMIT * (32.0 * texture_sigma) ** 2, _MAX_SQUARE))
+    _gradients(texture, even_limit, gradient, size, squared, even)
     differences = np.empty((3, *left.shape), np.int32)
     _compare(without_local_mean(left), without_local_mean(right), disparity, differences)
     box, row = np.ones((_WINDOW, _WINDOW), np.uint8), np.ones((_SMALL_WINDOW, _WINDOW), np.uint8)
@@ -146,7 +150,7 @@ def match_features(
     features = np.empty((len(FEATURES), *left.shape), np.float32)
     _write_features(
         np.asarray(cv2.erode(small_squares, np.ones((_NEARBY, _NEARBY), np.uint8)), np.float32),
-        _box_sum(squared, _WINDOW), _box_sum(squared, _WIDE_WINDOW),
+        _box_sum(squared, _WINDOW), _box_sum(squared, _WIDE_WINDOW), _box_sum(even, _WIDE_WINDOW),
         _box_sum((disparity > 0).astype(np.uint8), _MEDIUM_WINDOW),
         _box_sum(differences[0], _WINDOW), _box_sum(differences[1], _WINDOW), _box_sum(differences[2], _WINDOW),
         _box_sum(gradient, _WINDOW), _box_sum(size, _WINDOW),
@@ -198,11 +202,17 @@ def _difference(left: Array1[np.uint16], right: Array1[np.uint16], column: I64, 
 
 @kernel
 def _gradients(
-    left: Array2[np.uint16], gradient: Array2[np.int16], size: Array2[np.int16], squared: Array2[np.int32]
+    left: Array2[np.uint16],
+    even_limit: I64,
+    gradient: Array2[np.int16],
+    size: Array2[np.int16],
+    squared: Array2[np.int32],
+    even: Array2[np.int32],
 ) -> None:
     """Write the differences of each pixel's right and left neighbours, 0 in the first and the last column, 1/16 level.
 
-    ``size`` is their absolute value, ``squared`` their square, at most ``_MAX_SQUARE``.
+    ``size`` is their absolute value, ``squared`` their square, at most ``_MAX_SQUARE``, ``even`` the same, at most
+    ``even_limit``.
     """
     height, width = left.shape
     for row in range(height):
@@ -211,7 +221,8 @@ def _gradients(
             inside = 0 < column < width - 1
             value = i32(levels[column + 1]) - i32(levels[column - 1]) if inside else i32(0)
             gradient[row, column], size[row, column] = value, abs(value)
-            squared[row, column] = min(value * value, i32(_MAX_SQUARE))
+            square = min(value * value, i32(_MAX_SQUARE))
+            squared[row, column], even[row, column] = square, min(square, i32(even_limit))
 
 
 @kernel
@@ -249,6 +260,7 @@ def _write_features(
     least_squares: Array2[np.float32],
     squares: Array2[np.int32],
     wide_squares: Array2[np.int32],
+    even_squares: Array2[np.int32],
     medium_counts: Array2[np.int32],
     here: Array2[np.int32],
     farther: Array2[np.int32],
@@ -296,6 +308,7 @@ def _write_features(
             units = i32(disparity[row, column])
             features[9, row, column] = f32(i32(nearest_right[row, column]) - units) / f32(16.0)
             features[10, row, column] = f32(i32(nearest_left[row, column]) - units) / f32(16.0)
+            features[11, row, column] = _texture(even_squares[row, column], wide_scale)
 
 
 @kernel

@@ -26,11 +26,11 @@ FINE: Final = 16
 """Units per grey level of fine images: means of blocks have fractions of a level."""
 ROUNDING_VARIANCE: Final = 1.0 / 12.0
 """Variance of rounding to whole grey levels."""
-STEP_COSTS: Final = {1: 10, 3: 72}
-"""Cost of a step of one disparity by the side of the matching window, pixels; larger steps cost four times as much. A
-window widens what is near. Full images, whose edges are softest, are matched without one, with fewer errors near edges.
+STEP_COSTS: Final = {1: (14, 40), 3: (72, 288)}
+"""Costs of a step of one disparity, and of a larger one, by the side of the matching window, pixels. A window widens
+what is near. Full images, whose edges are softest, are matched without one, with fewer errors near edges.
 """
-TOLERANCES: Final = {1: 4, 3: 1}
+TOLERANCES: Final = {1: 5, 3: 1}
 """Maximum difference of the matches from left to right and from right to left, pixels, by the side of the window."""
 REFINEMENT_RADIUS: Final = 4
 """Radius of the windows of the refinement, pixels."""
@@ -220,12 +220,13 @@ def _opencv_matches(
     searched_count = -(-disparity_count // 16) * 16
     # OpenCV leaves the first `searched_count` columns invalid. Padding of that width keeps all columns of the image.
     padded = [cv2.copyMakeBorder(image, 0, 0, searched_count, 0, cv2.BORDER_REPLICATE) for image in (left, right)]
+    small_step, large_step = STEP_COSTS[window]
     matcher = cv2.StereoSGBM.create(
         minDisparity=0,
         numDisparities=searched_count,
         blockSize=window,
-        P1=STEP_COSTS[window],
-        P2=4 * STEP_COSTS[window],
+        P1=small_step,
+        P2=large_step,
         disp12MaxDiff=TOLERANCES[window],
         preFilterCap=15,
         speckleWindowSize=0,

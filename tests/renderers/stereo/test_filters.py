@@ -75,9 +75,9 @@ def test_exactly_five_percent_are_filled(pixels: int, filled: bool) -> None:
 
 
 @pytest.mark.parametrize(
-    ("step", "divisor", "kept"), [(32, 2, True), (33, 2, False), (64, 1, True), (65, 1, False), (32, 4, True)]
+    ("step", "divisor", "kept"), [(32, 2, True), (33, 2, False), (96, 1, True), (97, 1, False), (32, 4, True)]
 )
-def test_segments_are_connected_up_to_two_pixels_at_full_size_four(step: int, divisor: int, kept: bool) -> None:
+def test_segments_are_connected_up_to_two_pixels_at_full_size_six(step: int, divisor: int, kept: bool) -> None:
     """The same things are one segment at Full and at High."""
     d = np.full((20, 20), 800, np.uint16)
     d[:4] += step

@@ -76,7 +76,7 @@ def test_texture_outside_the_window_counts() -> None:
     assert features["wide_texture"][32, 48] > 10.0
 
 
-def test_a_single_edge_is_a_step() -> None:
+def test_a_single_edge_is_a_step_and_no_even_texture() -> None:
     """Which side of an edge a match belongs to is unknown; beside a line, or in a texture, it is right."""
     edge, line = texture(0.0), texture(0.0)
     edge[:, 48:] += 40 * 16
@@ -85,6 +85,7 @@ def test_a_single_edge_is_a_step() -> None:
     assert of_edge["step"][32, 48] > 0.9
     assert of_line["step"][32, 48] < 0.1
     assert of_texture["step"][32, 48] < 0.5
+    assert of_edge["even_texture"][32, 48] < of_texture["even_texture"][32, 48]
 
 
 def test_the_side_of_an_edge_is_seen() -> None:
