@@ -33,6 +33,11 @@ MAX_GAIN: Final = 18.0
 """The device's highest gain, dB."""
 SATURATED_SHARE: Final = 0.01
 """Maximum share of saturated pixels before automatic exposure lowers its brightness target."""
+BRIGHT_SHARE: Final = 0.05
+"""Likewise of bright pixels: vignetting makes the middle of a plain room 1.3 times as bright as the mean."""
+BRIGHT: Final = 0.82
+"""Brightness above which pixels are bright, 1 is saturation. It is more, up to 1, where the target would saturate more
+than the share: a bright sky does not darken the ground."""
 _SEARCH_STEPS: Final = 12
 """Steps of the search for an exposure. Each quarters the range, to 2e-6 of the reference exposure at last."""
 _HISTOGRAM_BINS: Final = 2048
@@ -184,10 +189,13 @@ def auto_exposure(light: NDArray[np.float32], limits: AutoExposure, manual: Expo
         return 0.5 * (low + high)
 
     factor = factor_for_mean(limits.average_max)
-    unsaturated = (1.0 - SATURATED_SHARE) * light.size
-    brightest_unsaturated = max(float(levels[np.searchsorted(np.cumsum(counts), unsaturated)]), 1e-6)
-    if brightest_unsaturated * factor > manual.saturation:
-        factor = max(manual.saturation / brightest_unsaturated, min(factor_for_mean(limits.average_min), factor))
+    shares = np.array((1.0 - SATURATED_SHARE, 1.0 - BRIGHT_SHARE))
+    unsaturated, not_bright = levels[np.searchsorted(np.cumsum(counts), shares * light.size)].tolist()
+    bright = BRIGHT ** (1.0 / manual.gamma)
+    bright = min(max(bright, bright * unsaturated * factor / manual.saturation), 1.0)
+    highest = max(unsaturated, not_bright / bright, 1e-6)
+    if highest * factor > manual.saturation:
+        factor = max(manual.saturation / highest, min(factor_for_mean(limits.average_min), factor))
     time = min(max(factor * REFERENCE_EXPOSURE, MIN_EXPOSURE), max_time)
     gain = min(max(20.0 * float(np.log10(factor * REFERENCE_EXPOSURE / time)), 0.0), MAX_GAIN)
     return Exposure(time, 0.0 if gain < 0.01 else gain, manual.gamma, manual.hdr, manual.red, manual.blue)

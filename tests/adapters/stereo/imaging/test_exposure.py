@@ -145,7 +145,7 @@ async def test_brightness_of_depth_images_is_that_of_their_left_image(start: Sta
         assert image_set.left.brightness == pytest.approx(pixels(image_set.left).mean() / 255, abs=0.006)
     # Without a camera image in the set it is that of the image from which depth is measured.
     set_("rc_stereomatching", [("quality", "Full")])
-    set_("rc_camera", [("exp_control", "Manual")])
+    set_("rc_camera", [("exp_control", "Manual"), ("exp_value", 0.012)])
     alone = await capture_set(camera, disparity_enabled=True)
     assert alone.disparity.image.brightness == pytest.approx(
         (await capture_set(camera, left_enabled=True)).left.brightness

@@ -15,7 +15,7 @@ from renderers.raster import CpuRenderer
 from renderers.stereo.depth.matching import fine_means, match_pair
 from renderers.stereo.light.projector import FULL_LIGHT, projected_dots, returned_shares
 from renderers.stereo.sensor.camera_image import NoiseStream, frame_key
-from renderers.stereo.sensor.exposure import AutoExposure, Exposure, auto_exposure
+from renderers.stereo.sensor.exposure import BRIGHT, AutoExposure, Exposure, auto_exposure
 from tests.adapters.stereo.analytic import plane, sphere
 from tests.adapters.stereo.camera_images import expose, light_of, rendered_grey, sensor_image
 from tests.adapters.stereo.conftest import settings
@@ -92,6 +92,12 @@ def test_automatic_exposure_meets_its_target(gamma: float) -> None:
     exposure = auto_exposure(light_of(picture), AutoExposure(), manual)
     image = sensor_image(picture, exposure, KEY, noise_factor=0.0).image
     assert image.max() >= 252 or image.mean() == pytest.approx(0.25 * 255, abs=2)
+    # What is a little brighter than the rest is kept from saturation, too.
+    picture = grey(150)
+    picture[:, :100] = 160
+    exposure = auto_exposure(light_of(picture), AutoExposure(), manual)
+    image = sensor_image(picture, exposure, KEY, noise_factor=0.0).image
+    assert image.max() <= 255 * BRIGHT + 3
     # Longest time first, gain only after it.
     assert auto_exposure(light_of(grey(160)), AutoExposure(), manual).gain == 0
     assert auto_exposure(light_of(grey(20)), AutoExposure(0.001), manual).time == 0.001
