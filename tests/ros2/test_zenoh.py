@@ -3,7 +3,6 @@
 import os
 import subprocess
 import sys
-import threading
 from typing import Any
 
 import numpy as np
@@ -12,7 +11,7 @@ import pytest
 from tests.ros2.stand_in import PACKAGE, STORE
 from tests.support.gateway_process import gateway_process
 from tests.support.ports import free_ports
-from tests.support.waiting import SECONDS
+from tests.support.waiting import wait_until
 
 zenoh_ros2_sdk = pytest.importorskip("zenoh_ros2_sdk", reason="zenoh-ros2-sdk is not installed")
 pytest.importorskip("mcap_ros2", reason="needs the extra mcap")
@@ -29,14 +28,11 @@ def test_another_process_receives_images_and_their_camera_info() -> None:
     listen = f'listen/endpoints=["tcp/127.0.0.1:{zenoh_port}"];connect/endpoints=[]'
     environment = {**os.environ, "PYTHONPATH": str(PACKAGE), "ZENOH_CONFIG_OVERRIDE": listen}
     received: dict[str, dict[int, Any]] = {}
-    arrived = threading.Condition()
 
     def subscribe(topic: str, message_type: str) -> Any:
         def take(message: Any) -> None:
             stamp = message.header.stamp
-            with arrived:
-                received.setdefault(topic, {})[stamp.sec * 10**9 + stamp.nanosec] = message
-                arrived.notify_all()
+            received.setdefault(topic, {})[stamp.sec * 10**9 + stamp.nanosec] = message
 
         of_type = {"msg_definition": definition(message_type), "type_hash": STORE.hash_rihs01(message_type)}
         return zenoh_ros2_sdk.ROS2Subscriber(topic, message_type, **of_type, callback=take, router_port=zenoh_port)
@@ -52,9 +48,9 @@ def test_another_process_receives_images_and_their_camera_info() -> None:
                     subscribe("/stereo/left/image_rect", "sensor_msgs/msg/Image"),
                     subscribe("/stereo/left/camera_info", "sensor_msgs/msg/CameraInfo"),
                 ]
-                with arrived:
-                    assert arrived.wait_for(same_times, SECONDS)
-                    time = min(same_times())
+                wait_until(lambda: same_times() or node.poll() is not None)
+                assert node.poll() is None, "the node has ended"
+                time = min(same_times())
                 for subscriber in subscribers:
                     subscriber.close()
             finally:
