@@ -80,14 +80,18 @@ def read_ply(data: bytes, textures: TextureFiles, options: MeshOptions, content:
     if positions is None:
         raise ValueError("its element 'vertex' has not x, y and z")
     colors = _colors_of(vertex)
-    if drawn is None:
+    lists = None if drawn is None else columns[drawn.name][index_list]
+    if drawn is None or lists is None or not (lists.sizes > 2).any():  # meshio writes points as faces of one corner
+        if drawn is not None:
+            content.warnings.append(
+                f"its {drawn.row_count} elements {drawn.name!r} have no triangles, points are drawn"
+            )
         check_limits(len(positions), 0, options)
         cloud = shape_of(positions, None, content.warnings, colors=colors)
         return [] if cloud is None else [cloud]
     normals = _stacked(vertex, ("nx", "ny", "nz"))
     uv = next((found for names in _UV_NAMES if (found := _stacked(vertex, names)) is not None), None)
     faces = columns[drawn.name]
-    lists = faces[index_list]
     indices, sizes = lists.values.astype(np.int64), lists.sizes
     check_limits(len(positions), int(np.maximum(sizes - 2, 0).sum()), options)
     corner_uv = faces.get("texcoord")
@@ -111,8 +115,6 @@ def read_ply(data: bytes, textures: TextureFiles, options: MeshOptions, content:
         rows, is_split = triangles_of_strip(np.insert(indices, np.cumsum(sizes), -1)), False
     else:
         rows = _triangles(indices, sizes, positions)
-    if not len(rows):
-        raise ValueError(f"its {drawn.row_count} elements {drawn.name!r} have no triangles")
     rows = checked_triangles(rows, len(positions), content.warnings)
 
     def shape(rows: NDArray[np.int64], image: int | None) -> Shape | None:

@@ -158,10 +158,10 @@ def read_vtk(
 ) -> tuple[NDArray[np.float64], NDArray[np.int64] | None, NDArray[np.uint8] | None]:
     """Return positions, (N, 3) in the file's unit, triangles, (M, 3), and sRGB colours, (N, 4), of a surface.
 
-    Triangles are None for a file whose cells are all vertices: a cloud. Elsewhere vertices and lines are left out, and
-    cells of other types with a warning. Colours are None without COLOR_SCALARS; with those of cells, each triangle has
-    vertices of its own. ``max_triangles`` is the limit of cells, too. Raises MeshFaultError if the file is damaged, not
-    a legacy VTK file with points and cells, or beyond a limit.
+    Triangles are None if all cells are vertices or lines: a cloud, with a warning for lines. Elsewhere these are left
+    out, and cells of other types with a warning. Colours are None without COLOR_SCALARS; with those of cells, each
+    triangle has vertices of its own. ``max_triangles`` is the limit of cells, too. Raises MeshFaultError if the file is
+    damaged, not a legacy VTK file with points and cells, or beyond a limit.
     """
     parser = _Parser(data)
     positions: NDArray[np.float64] | None = None
@@ -217,7 +217,9 @@ def read_vtk(
         colors = parser.colors(word == b"cell_data", len(positions), len(cells[1]))
     except MeshFaultError as error:
         warnings.append(f"its colours are left out: {error}")
-    if np.isin(cells[2], _VERTICES).all():
+    if np.isin(cells[2], _WITHOUT_SURFACE).all():
+        if lines := np.count_nonzero(~np.isin(cells[2], _VERTICES)):
+            warnings.append(f"its {lines} lines are not drawn, only its points")
         return positions, None, None if colors is None or colors[0] else colors[1]
     triangles, cell = np.split(_triangles(*cells, positions, max_triangles, warnings), [3], axis=1)
     if triangles.size and not (triangles.min() >= 0 and triangles.max() < len(positions)):

@@ -160,9 +160,13 @@ def test_numbers_of_any_length_are_read_whole(digits: int) -> None:
     assert parse(text)[0][1].tolist() == pytest.approx([0.001, 0, 0])
 
 
-def test_points_and_lines_draw_nothing() -> None:
+def test_points_and_lines_have_no_surface() -> None:
     mixed = f"{HEAD}{POINTS}CELLS 3 10\n3 0 1 2\n2 0 1\n2 1 2\nCELL_TYPES 3\n5 3 3\n"
     assert parse(mixed)[1].tolist() == [[0, 1, 2]]
+    warnings: list[str] = []
+    lines = f"{HEAD}{POINTS}CELLS 2 5\n2 0 1\n1 2\nCELL_TYPES 2\n3 1\n".encode()
+    positions, triangles, _ = read_vtk(lines, 1000, 1000, warnings)
+    assert (len(positions), triangles, len(warnings)) == (5, None, 1)
 
 
 @pytest.mark.parametrize(
