@@ -8,7 +8,7 @@ import numpy as np
 import numpy.ma  # np.unique imports it, which would take 0.2 s in each child process
 
 from gateway.files.parsers.collada import read_collada
-from gateway.files.parsers.mesh_data import MeshData, MeshFaultError, MeshOptions, as_utf8, shape_of
+from gateway.files.parsers.mesh_data import MeshData, MeshFaultError, MeshOptions, Shape, as_utf8, shape_of
 from gateway.files.parsers.obj import read_obj
 from gateway.files.parsers.ply import read_ply
 from gateway.files.parsers.stl import read_stl
@@ -38,13 +38,22 @@ def read_mesh(read_file: ReadFile, data: bytes, extension: str, options: dict[st
 
 
 def _make_visible(content: MeshData) -> None:
-    """Make all shapes opaque if each has an opacity of 0: exporters write that for opaque meshes."""
-    colors = [shape.color for shape in content.shapes]
-    if all(color is not None and color[3] <= 0.0 for color in colors):
+    """Make all shapes opaque if each has an opacity of 0: exporters write that for opaque meshes and faces."""
+    if all(map(_is_invisible, content.shapes)):
         for shape in content.shapes:
             if shape.color is not None:
                 shape.color = (*shape.color[:3], 1.0)
-        content.warnings.append("all its materials have an opacity of 0; it is drawn opaque")
+            if shape.colors is not None:
+                shape.colors = (
+                    np.frombuffer(shape.colors, np.uint32) | np.frombuffer(b"\0\0\0\xff", np.uint32)
+                ).tobytes()
+        content.warnings.append("all its colours have an opacity of 0; it is drawn opaque")
+
+
+def _is_invisible(shape: Shape) -> bool:
+    if shape.colors is not None and not np.frombuffer(shape.colors, np.uint8)[3::4].any():
+        return True
+    return shape.color is not None and shape.color[3] <= 0.0
 
 
 def _read(read_file: ReadFile, data: bytes, extension: str, options: MeshOptions) -> MeshData:

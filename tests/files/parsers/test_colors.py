@@ -120,6 +120,18 @@ def test_mitsuba_writes_linear_colors(colored: str) -> None:
     np.testing.assert_array_equal(colors[:, :, :3], np.rint(255 * srgb[corners]))
 
 
+@pytest.mark.parametrize(("opacities", "expected"), [((0, 0, 0), [255] * 3), ((0, 9, 0), [0, 9, 0])])
+def test_colors_that_are_all_invisible_are_drawn_opaque(opacities: tuple[int, ...], expected: list[int]) -> None:
+    header = "ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\nproperty float z\n"
+    for name in ("red", "green", "blue", "alpha"):
+        header += f"property uchar {name}\n"
+    points = "".join(f"{x} {y} {z} 1 2 3 {a}\n" for (x, y, z), a in zip(CORNERS, opacities, strict=False))
+    colors, _ = colors_of(
+        f"{header}element face 1\nproperty list uchar int vertex_index\nend_header\n{points}3 0 1 2\n"
+    )
+    assert colors.tolist() == [[[1, 2, 3, alpha] for alpha in expected]]
+
+
 @pytest.mark.parametrize("order", ENCODINGS)
 @pytest.mark.parametrize("spelling", ["vertex_indices", "indices"])
 def test_lists_before_colored_vertices(order: str, spelling: str) -> None:

@@ -61,7 +61,7 @@ def test_a_mesh_that_would_vanish_is_drawn_opaque_with_a_warning(tmp_path: Path)
     own = "mtllib m.mtl\nusemtl blue\n" + TRIANGLE
     assert part_of(tmp_path, own, "m.obj").material.base_color == (0, 0, 1, 1)
     (warning,) = read_robot(tmp_path / "robot.urdf").warnings
-    assert warning == "link 'a', m.obj: all its materials have an opacity of 0; it is drawn opaque"
+    assert warning == "link 'a', m.obj: all its colours have an opacity of 0; it is drawn opaque"
     write(tmp_path, BLUE + "Tr 1.0\nnewmtl red\nKd 1 0 0\n", "m.mtl")
     write(tmp_path, own + "usemtl red\nf 1 3 2\n", "m.obj")
     robot = read_robot(tmp_path / "robot.urdf")
