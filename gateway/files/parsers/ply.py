@@ -81,14 +81,13 @@ def read_ply(data: bytes, textures: TextureFiles, options: MeshOptions, content:
         raise ValueError("its element 'vertex' has not x, y and z")
     colors = _colors_of(vertex)
     lists = None if drawn is None else columns[drawn.name][index_list]
-    if drawn is None or lists is None or not (lists.sizes > 2).any():  # meshio writes points as faces of one corner
+    if drawn is None or lists is None or np.isin(lists.sizes, (1, 2)).all():  # meshio writes points as faces
         if drawn is not None:
             content.warnings.append(
                 f"its {drawn.row_count} elements {drawn.name!r} have no triangles, points are drawn"
             )
         check_limits(len(positions), 0, options)
-        cloud = shape_of(positions, None, content.warnings, colors=colors)
-        return [] if cloud is None else [cloud]
+        return list(filter(None, [shape_of(positions, None, content.warnings, colors=colors)]))
     normals = _stacked(vertex, ("nx", "ny", "nz"))
     uv = next((found for names in _UV_NAMES if (found := _stacked(vertex, names)) is not None), None)
     faces = columns[drawn.name]
@@ -115,6 +114,8 @@ def read_ply(data: bytes, textures: TextureFiles, options: MeshOptions, content:
         rows, is_split = triangles_of_strip(np.insert(indices, np.cumsum(sizes), -1)), False
     else:
         rows = _triangles(indices, sizes, positions)
+    if not len(rows):
+        raise ValueError(f"its {drawn.row_count} elements {drawn.name!r} have no triangles")
     rows = checked_triangles(rows, len(positions), content.warnings)
 
     def shape(rows: NDArray[np.int64], image: int | None) -> Shape | None:
