@@ -111,7 +111,7 @@ def test_a_simulation_of_drake_in_the_page(tmp_path: Path) -> None:
     with chromium() as browser, viewing(log) as (_, url):
         view = View(browser, url)
         view.wait_for_node(*BALL)
-        view.page.get_by_role("button", name="Pause").click()
+        view.page.get_by_role("button", name="Play").wait_for()  # at the end of the log, after 2 s
         for index in (len(heights) - 1, 10, len(heights) // 3, 12):
             seconds, height, simulation = heights[index]
             view.page.get_by_label("Time", exact=True).fill(f"{seconds + 1e-4 - heights[-1][0]:.6f}")
